@@ -1,0 +1,83 @@
+"""The bus as a node's runtime sees it: non-blocking sends, one bounded wait for frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+from canbus.frame import Frame, FrameKind, ReceivedFrame
+
+# Classes of a SocketCAN error frame (linux/can/error.h), which python-can hands on unchanged.
+ERROR_CLASS_CONTROLLER = 0x004
+ERROR_CLASS_BUS_OFF = 0x040
+CONTROLLER_RX_OVERFLOW = 0x01
+
+
+class BusError(RuntimeError):
+    """The bus cannot be opened. One line: what is wrong and what to do about it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusStatistics:
+    """Counters since the bus was opened.
+
+    Attributes:
+        sent: frames handed to the driver.
+        received: frames handed to the caller (error frames included).
+        tx_failures: sends refused: transmit queue full, network down, bus-off.
+        rx_dropped: overflows of the receive buffer that the controller or the driver reported;
+            each stands for at least one lost frame.
+        rx_failures: reads that failed because the interface went down or away.
+        error_frames: error frames among the received ones.
+    """
+
+    sent: int = 0
+    received: int = 0
+    tx_failures: int = 0
+    rx_dropped: int = 0
+    rx_failures: int = 0
+    error_frames: int = 0
+
+
+class Bus(Protocol):
+    """What crosses the boundary between a node and its bus. Opened and closed by `with`."""
+
+    def __enter__(self) -> Self:
+        """Open the interface. Raises `BusError` with one clear line when that fails."""
+        ...
+
+    def __exit__(self, *exception: object) -> None:
+        """Close the interface."""
+        ...
+
+    def send(self, frame: Frame) -> bool:
+        """Hand one frame to the driver without waiting; False (and counted) if it refused."""
+        ...
+
+    def receive(self, timeout_ns: int) -> list[ReceivedFrame]:
+        """Wait at most `timeout_ns` for a frame, then return everything that is waiting."""
+        ...
+
+    @property
+    def statistics(self) -> BusStatistics:
+        """The counters so far."""
+        ...
+
+    def close(self) -> None:
+        """Close the interface; closing twice is harmless."""
+        ...
+
+
+def is_bus_off(frame: Frame) -> bool:
+    """Whether `frame` is the controller's report that it left the bus (bus-off)."""
+    return frame.kind is FrameKind.ERROR and bool(frame.can_id & ERROR_CLASS_BUS_OFF)
+
+
+def is_receive_overflow(frame: Frame) -> bool:
+    """Whether `frame` is the controller's report that it lost received frames."""
+    return (
+        frame.kind is FrameKind.ERROR
+        and bool(frame.can_id & ERROR_CLASS_CONTROLLER)
+        and len(frame.data) > 1
+        and bool(frame.data[1] & CONTROLLER_RX_OVERFLOW)
+    )
