@@ -1,0 +1,127 @@
+"""Plain data about the plant: where the car is, what the driver does, what is broken."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Position of the rear-axle centre and direction of travel.
+
+    Attributes:
+        x_m: East, or whatever the track's x is.
+        y_m: North.
+        heading_rad: From x towards y, not wrapped: a full left circle adds 2 pi.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """The car as it is at one instant, without any sensor between.
+
+    Attributes:
+        time_ns: Virtual time of the snapshot.
+        pose: Rear-axle centre at that time.
+        speed_mps: At the rear-axle centre, negative when rolling backwards.
+        yaw_rate_radps: Positive to the left.
+        column_angle_rad: Steering column, without the sensor's zero error.
+        column_rate_radps: Its rate.
+        road_wheel_angle_rad: Of the imaginary wheel in the middle of the front axle.
+        servo_position_ratio: Brake servo, 0 released to 1 full.
+        brake_ratio: Position of the brake pedal, which is what the brakes get: the servo or the
+            driver's foot, whichever is further.
+        lateral_acceleration_mps2: At the centre of gravity, positive to the left.
+        longitudinal_acceleration_mps2: At the centre of gravity.
+        motor_torque_nm: Traction motor; negative when it regenerates.
+        relay_closed: The manual/automatic relay (closed = automatic).
+        front_wheels_locked: The front wheels slide under the brakes.
+        rear_wheels_locked: The rear wheels slide under the brakes.
+        distance_m: Way travelled, forwards and backwards both counted up.
+        kinetic_energy_j: Of the body and of all that rotates with the wheels.
+    """
+
+    time_ns: int
+    pose: Pose
+    speed_mps: float
+    yaw_rate_radps: float
+    column_angle_rad: float
+    column_rate_radps: float
+    road_wheel_angle_rad: float
+    servo_position_ratio: float
+    brake_ratio: float
+    lateral_acceleration_mps2: float
+    longitudinal_acceleration_mps2: float
+    motor_torque_nm: float
+    relay_closed: bool
+    front_wheels_locked: bool
+    rear_wheels_locked: bool
+    distance_m: float
+    kinetic_energy_j: float
+
+
+@dataclass(slots=True)
+class DriverInputs:
+    """What the human does now; the world writes it, the plant reads it at its next step.
+
+    Attributes:
+        steering_torque_nm: On the hand wheel, positive to the left.
+        throttle_pedal_ratio: 0..1.
+        brake_pedal_ratio: The foot on the brake pedal, 0..1.
+        button_pressed: The manual/automatic button.
+        emergency_stop_pressed: The emergency-stop button.
+    """
+
+    steering_torque_nm: float = 0.0
+    throttle_pedal_ratio: float = 0.0
+    brake_pedal_ratio: float = 0.0
+    button_pressed: bool = False
+    emergency_stop_pressed: bool = False
+
+
+@dataclass(slots=True)
+class PlantFaults:
+    """What is broken or different in the world; the plant reads it at its next step.
+
+    An override replaces a reading as it reaches the ECU, without noise or quantisation; None
+    means that the sensor works.
+
+    Attributes:
+        steering_angle_override_rad: Reading of the column-angle sensor; NaN = unreadable.
+        steering_angle_stuck: The reading freezes at its last value.
+        steering_torque_override_nm: Reading of the torque sensor.
+        steering_motor_fault: The motor driver raises its fault line and opens its outputs.
+        steering_motor_dead: The motor gives no torque and nothing reports it.
+        traction_dead: The traction motor gives no torque and nothing reports it.
+        servo_stuck: The brake servo stays where it is, whatever is asked.
+        servo_dead: The brake servo has no power and returns by its spring.
+        servo_slow_factor: Its travel takes this many times longer; at least 1.
+        servo_position_override_ratio: Reading of the servo's position.
+        motor_encoder_dead: No further edges from the traction motor's encoder.
+        wheel_encoder_dead: No further edges from the rear-wheel encoder.
+        throttle_pedal_override_ratio: Reading of the throttle pedal.
+        brake_pedal_override_ratio: Reading of the brake pedal.
+        relay_stuck: The manual/automatic relay does not move.
+        slope_rad: Slope of the road, positive uphill; None = the plant's own number.
+        friction_mu: Friction between tyre and road; None = the plant's own number.
+    """
+
+    steering_angle_override_rad: float | None = None
+    steering_angle_stuck: bool = False
+    steering_torque_override_nm: float | None = None
+    steering_motor_fault: bool = False
+    steering_motor_dead: bool = False
+    traction_dead: bool = False
+    servo_stuck: bool = False
+    servo_dead: bool = False
+    servo_slow_factor: float = 1.0
+    servo_position_override_ratio: float | None = None
+    motor_encoder_dead: bool = False
+    wheel_encoder_dead: bool = False
+    throttle_pedal_override_ratio: float | None = None
+    brake_pedal_override_ratio: float | None = None
+    relay_stuck: bool = False
+    slope_rad: float | None = None
+    friction_mu: float | None = None
