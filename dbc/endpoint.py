@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from dbc.codec import Decoded, FrameFault, decode_data, encode
+from dbc.codec import Decoded, FrameFault, decode, decode_data, encode
 from dbc.messages import SPECS
 from dbc.protection import COUNTER_MODULO, USABLE, AliveCheck, AliveState
 from dbc.spec import MessageSpec
@@ -49,6 +49,15 @@ class BadFrame(NamedTuple):
 def sent_by(node: str) -> frozenset[int]:
     """Identifiers that only this node may send."""
     return frozenset(spec.can_id for spec in SPECS.values() if spec.sender == node)
+
+
+def is_forged(frame: Frame) -> bool:
+    """Whether a stranger's frame would be believed as one of ours: protected, and intact.
+
+    One that is not intact harms nobody: all receivers ignore it (ER0).
+    """
+    decoded = decode(frame)
+    return isinstance(decoded, Decoded) and decoded.counter is not None
 
 
 class Endpoint:

@@ -1428,7 +1428,7 @@ SPECS: dict[int, MessageSpec] = {
         cycle_ns=10_000_000,
         timeout_ns=60_000_000,
         min_interval_ns=7_000_000,
-        data_id=0x183,
+        data_id=0x1183,
         pack=_pack_throttle_status,
         unpack=_unpack_throttle_status,
     ),

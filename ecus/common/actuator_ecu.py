@@ -1,0 +1,288 @@
+"""What steer, throttle and brake ECU share: supervision, the node's state, its frames.
+
+A subclass gives the sensors' meaning (`_sense`), the action in each state (`_act`) and its status
+message; the order of a step is here, once.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from canbus.frame import Frame, ReceivedFrame
+from canbus.node import EventKind, StepOutput
+from dbc.endpoint import FAILSAFE_ID, SPEC_OF_NAME, STOPPING_IDS, Message
+from dbc.messages import (
+    EmergencyBrake,
+    ErrorCode,
+    Mode,
+    NodeState,
+    Reason,
+    SupervisorState,
+)
+from ecus.common.codes import Cause, code_bits, code_flags
+from ecus.common.driver_input import Debounce
+from ecus.common.node_state import NODE_STATE_AFTER, SAFE_STATES, NodeEvent
+from ecus.common.shell import Shell
+from vehicles import Vehicle
+
+DRIVING_MODES = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+"""Modes in which an authorised axis moves by command."""
+
+NOT_BRAKING_CODES = frozenset({ErrorCode.ER0, ErrorCode.ER3})
+"""ER0: the frame is ignored. ER3: braking goes on while the car moves (design, error codes)."""
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+CAUSE_AGE_MS_MAX = 65_535
+COMMAND_COMING_NS = 50_000_000
+"""Younger command frames show that the gateway lives: one of 20 ms may be lost."""
+NEVER_NS = 1 << 62
+
+SensorsT = TypeVar("SensorsT")
+ActuatorT = TypeVar("ActuatorT")
+
+
+class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
+    """One actuator's node. Nothing starts in the constructor; `step` alone changes it.
+
+    Args:
+        prefix: the node's name in the DBC's messages: STEER, THROTTLE or BRAKE.
+        authorisation: name of the SUPERVISOR_STATE signal that authorises this axis.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *,
+        node: str,
+        eds: str,
+        prefix: str,
+        authorisation: str,
+        also_subscribed: Sequence[str],
+        parameters: Mapping[str, float],
+    ) -> None:
+        self.name = node
+        self._prefix = prefix
+        self._command_id = SPEC_OF_NAME[f"{prefix}_COMMAND"].can_id
+        self._authorisation = authorisation
+        emergency = [s.name for s in SPEC_OF_NAME.values() if s.can_id in STOPPING_IDS]
+        own = f"{prefix}_EMERGENCY_BRAKE"
+        subscribed = [name for name in emergency if name != own]
+        subscribed += ["FAILSAFE", "SUPERVISOR_STATE", f"{prefix}_COMMAND", *also_subscribed]
+        self.shell = Shell(node, vehicle, eds, subscribed, parameters)
+        self.endpoint = self.shell.endpoint
+        self.acceptance: frozenset[int] | None = self.shell.acceptance
+        self.state = NodeState.STARTING
+        self.is_driver_active = False
+        self._debounce = Debounce(round(vehicle.times.driver_debounce_s * NS_PER_S))
+        self._is_armed = False
+        self._active_since_ns = 0
+        self._epoch: int | None = None
+        self._brake_wish: Cause | None = None
+        self._supervisor: SupervisorState | None = None
+        self._driver_sent: tuple[Any, int] | None = None
+
+    # What the subclass gives -----------------------------------------------------------------
+
+    @abstractmethod
+    def _sense(self, now_ns: int, sensors: SensorsT) -> bool:
+        """Takes the readings in, adds causes; answers whether the driver uses the control."""
+
+    @abstractmethod
+    def _act(self, now_ns: int) -> ActuatorT:
+        """The actuator's command for the state in force."""
+
+    @abstractmethod
+    def _status(self) -> Any:
+        """The status message: measured value and echo."""
+
+    @abstractmethod
+    def _driver(self, flags: dict[str, Any]) -> Any:
+        """The driver message: the driver's input, and the given common signals."""
+
+    @abstractmethod
+    def _apply_parameters(self, written: Mapping[str, float] | None) -> None:
+        """Parameters written by SDO; None: back to those of the vehicle file."""
+
+    @property
+    @abstractmethod
+    def _command_timeout_ns(self) -> int:
+        """The node's own upper bound on a decision's age."""
+
+    # The step --------------------------------------------------------------------------------
+
+    def step(
+        self, now_ns: int, received: Sequence[ReceivedFrame], sensors: SensorsT
+    ) -> StepOutput[ActuatorT]:
+        """One 10 ms cycle; see `canbus.node`. Readings that are NaN count as a broken sensor."""
+        shell = self.shell
+        messages = shell.begin(now_ns, received)
+        self._take_parameters()
+        self._hear_supervisor()
+        is_driver = self._sense(now_ns, sensors)
+        self.is_driver_active = self._debounce.update(is_driver, now_ns)
+        if self.state is NodeState.ACTIVE:
+            self._check_peers(now_ns)
+        self._change_state(now_ns, self._event(now_ns, messages))
+        shell.report(latch=self.state in SAFE_STATES or self.state is NodeState.ACTIVE)
+        actuator = self._act(now_ns)
+        frames = shell.finish(self._frames(now_ns))
+        return StepOutput(frames=frames, actuator=actuator, events=shell.events)
+
+    def _take_parameters(self) -> None:
+        if self.shell.is_reset:
+            self._apply_parameters(None)
+        if self.shell.written:
+            self._apply_parameters({event.name: event.value for event in self.shell.written})
+
+    def _hear_supervisor(self) -> None:
+        state = self.endpoint.get("SUPERVISOR_STATE", SupervisorState)
+        if state is None:
+            return
+        self._supervisor = state
+        self.shell.apply_mode(state.mode)
+        if state.mode not in DRIVING_MODES or not self.shell.is_operational:
+            self._is_armed = self.shell.is_operational
+        # A reset leads to MANUAL; a supervisor that restarted counts anew, and resets nobody.
+        is_reset = self._epoch is not None and state.reset_epoch != self._epoch
+        if is_reset and state.mode not in (Mode.INIT, Mode.EMERGENCY):
+            self.shell.reset_codes()
+        self._epoch = state.reset_epoch
+
+    def _check_peers(self, now_ns: int) -> None:
+        """While driving: the supervisor must be heard and the planner's decision be young."""
+        if not self.endpoint.is_fresh("SUPERVISOR_STATE", now_ns):
+            heard_ns = now_ns - (self.endpoint.age_ns("SUPERVISOR_STATE", now_ns) or 0)
+            self.shell.add_cause(ErrorCode.ER2, Reason.SUPERVISOR_SILENT, heard_ns)
+            return
+        assert self._supervisor is not None
+        if self._supervisor.mode is Mode.INIT:  # restarted: it knows nothing of this drive
+            self.shell.add_cause(ErrorCode.ER2, Reason.SUPERVISOR_SILENT)
+        if self._supervisor.mode is not Mode.AUTOMATIC:
+            return  # a controlled stop needs no planner
+        # A decision from before this drive is not used, nor held against the planner.
+        age_ns = min(now_ns - self._active_since_ns, self._decision_age_ns(now_ns))
+        if age_ns > self._decision_limit_ns():
+            frame_age_ns = self.endpoint.age_ns(f"{self._prefix}_COMMAND", now_ns)
+            is_coming = frame_age_ns is not None and frame_age_ns <= COMMAND_COMING_NS
+            reason = Reason.PLANNER_SILENT if is_coming else Reason.COMMAND_MISSING
+            self.shell.add_cause(ErrorCode.ER5, reason, now_ns - age_ns)
+
+    def _decision_limit_ns(self) -> int:
+        assert self._supervisor is not None
+        limit_ms: float = self._supervisor.decision_age_ms_max
+        return min(self._command_timeout_ns, round(limit_ms) * NS_PER_MS)
+
+    def _decision_age_ns(self, now_ns: int) -> int:
+        """Age of the planner's decision: as the frame told, and since the frame came."""
+        message = self.endpoint.latest.get(self._command_id)
+        if message is None or math.isnan(message.content.decision_age_ms):
+            return NEVER_NS
+        told_ms: float = message.content.decision_age_ms
+        told_ns = round(told_ms) * NS_PER_MS
+        since_arrival_ns: int = now_ns - message.arrival_ns
+        return told_ns + since_arrival_ns
+
+    def _valid_command(self, now_ns: int) -> Any:
+        """The newest command if its decision is young enough to be obeyed, else None."""
+        if self._decision_age_ns(now_ns) > self._decision_limit_ns():
+            return None
+        return self.endpoint.latest[self._command_id].content
+
+    def _event(self, now_ns: int, messages: Sequence[Message]) -> NodeEvent:
+        supervisor = self._supervisor
+        if supervisor is None:
+            return NodeEvent.NOTHING
+        is_fresh = self.endpoint.is_fresh("SUPERVISOR_STATE", now_ns)
+        if supervisor.mode is Mode.MANUAL and is_fresh:
+            return NodeEvent.MANUAL
+        if self._is_emergency(supervisor, messages):
+            return NodeEvent.EMERGENCY
+        if any(cause.code not in NOT_BRAKING_CODES for cause in self.shell.causes):
+            return NodeEvent.OWN_CAUSE
+        if not is_fresh:
+            return NodeEvent.NOTHING
+        is_authorised = getattr(supervisor, self._authorisation)
+        if supervisor.mode not in DRIVING_MODES or not is_authorised:
+            return NodeEvent.UNAUTHORISED
+        is_ready = self._is_armed and self.shell.is_operational
+        return NodeEvent.AUTHORISED if is_ready else NodeEvent.NOTHING
+
+    def _is_emergency(self, supervisor: SupervisorState, messages: Sequence[Message]) -> bool:
+        if supervisor.mode is Mode.EMERGENCY:
+            return True
+        if self.state is not NodeState.ACTIVE:
+            return False  # nothing of ours moves; the supervisor decides
+        return any(m.can_id in STOPPING_IDS or m.can_id == FAILSAFE_ID for m in messages)
+
+    def _change_state(self, now_ns: int, event: NodeEvent) -> None:
+        before, self.state = self.state, NODE_STATE_AFTER[self.state][event]
+        if self.state is before:
+            return
+        self.shell.add_event(EventKind.STATE, f"{before.name} -> {self.state.name}")
+        if self.state is NodeState.ACTIVE:
+            self._active_since_ns = now_ns
+        if self.state is NodeState.SAFE_ALONE:
+            self._brake_wish = next(
+                cause for cause in self.shell.causes if cause.code not in NOT_BRAKING_CODES
+            )
+        if self.state is NodeState.RELEASED:
+            self._brake_wish = None
+
+    # What is sent ----------------------------------------------------------------------------
+
+    def _frames(self, now_ns: int) -> list[Frame]:
+        frames = []
+        if self._brake_wish is not None:
+            self._withdraw_when_heard()
+        if self._brake_wish is not None:
+            frames.append(self._emergency_frame(now_ns, self._brake_wish))
+        if not self.shell.is_operational:
+            return frames
+        frames.append(self.endpoint.frame(f"{self._prefix}_STATUS", self._status()))
+        driver = self._driver(self._driver_flags(now_ns))
+        if self._is_driver_due(now_ns, driver):
+            frames.append(self.endpoint.frame(f"{self._prefix}_DRIVER", driver))
+        return frames
+
+    def _withdraw_when_heard(self) -> None:
+        supervisor = self._supervisor
+        assert supervisor is not None  # without one the node never became active
+        if supervisor.mode is Mode.EMERGENCY:
+            self._brake_wish = None
+
+    def _emergency_frame(self, now_ns: int, cause: Cause) -> Frame:
+        age_ms = min((now_ns - cause.seen_ns) // NS_PER_MS, CAUSE_AGE_MS_MAX)
+        return self.endpoint.frame(
+            f"{self._prefix}_EMERGENCY_BRAKE",
+            EmergencyBrake(
+                code=cause.code,
+                reason=cause.reason,
+                cause_age_ms=age_ms,
+                reset_epoch=self._epoch or 0,
+            ),
+        )
+
+    def _driver_flags(self, now_ns: int) -> dict[str, Any]:
+        codes = self.shell.codes
+        return {
+            "driver_active": self.is_driver_active,
+            "node_state": self.state,
+            "present_codes": code_bits(codes.present(now_ns)),
+            **code_flags(codes.reported(now_ns)),
+        }
+
+    def _is_driver_due(self, now_ns: int, driver: Any) -> bool:
+        """Every cycle time, and at once when anything but the analogue value has changed."""
+        flags = (driver.driver_active, driver.node_state, driver.present_codes, self.shell.codes
+                 .reported(now_ns))
+        spec = SPEC_OF_NAME[f"{self._prefix}_DRIVER"]
+        if self._driver_sent is not None:
+            sent_flags, sent_ns = self._driver_sent
+            if flags == sent_flags and now_ns - sent_ns < spec.cycle_ns - NS_PER_MS:
+                return False
+        self._driver_sent = (flags, now_ns)
+        return True

@@ -1,0 +1,323 @@
+"""The supervisor: owns the driving mode, the codes and the judgement of who is alive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from canbus.frame import Frame, ReceivedFrame
+from canbus.node import EventKind, StepOutput
+from dbc.database import configuration_hash, dbc_hash
+from dbc.endpoint import FAILSAFE_ID, SPEC_OF_NAME, STOPPING_IDS, Message
+from dbc.messages import (
+    SPECS,
+    BrakeStatus,
+    EmergencyBrake,
+    ErrorCode,
+    Inhibit,
+    Mode,
+    NodeState,
+    Reason,
+    Request,
+    SafetyVerdict,
+    SupervisorState,
+    ThrottleStatus,
+)
+from dbc.timing import decision_age_limit_ms
+from ecus.common.codes import Cause, code_flags
+from ecus.common.driver_input import Debounce
+from ecus.common.node_state import SAFE_STATES
+from ecus.common.shell import Shell
+from ecus.supervisor.control import (
+    STANDSTILL_MPS_MAX,
+    Situation,
+    engage_inhibit,
+    inhibit,
+    reset_inhibit,
+)
+from ecus.supervisor.faults import driving_faults
+from ecus.supervisor.mode import AUTHORISED, DRIVING_MODES, MODE_AFTER, RELAY_CLOSED, ModeEvent
+from ecus.supervisor.nodes import (
+    HEARTBEATS,
+    LIVENESS,
+    RESET_BLOCKING,
+    Nodes,
+)
+from ecus.supervisor.panel import Button, Requests
+from ecus.supervisor.params import EXPOSED, SupervisorParams
+from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
+from vehicles import Vehicle
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+STANDSTILL_NS = 300_000_000
+FOREIGN_NS = 1_000_000_000
+"""A frame of nobody's, or a FAILSAFE, denies engagement and reset for this long."""
+
+RESET_EPOCHS = 16
+DEFAULT_PLANNER_PERIOD_MS = 20
+
+
+class SupervisorEcu:
+    """Node 1. Nothing starts in the constructor; `step` alone changes it."""
+
+    name = "Supervisor"
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.params = SupervisorParams.of(vehicle)
+        emergency = [
+            spec.name
+            for spec in SPECS.values()
+            if spec.can_id in STOPPING_IDS and spec.sender != self.name
+        ]
+        subscribed = [
+            *emergency,
+            "FAILSAFE",
+            "MODE_REQUEST",
+            *HEARTBEATS.values(),
+            *(message for messages in LIVENESS.values() for message in messages),
+        ]
+        parameters = {name: getattr(self.params, name) for name in EXPOSED}
+        self.shell = Shell(
+            self.name, vehicle, "supervisor", subscribed, parameters, is_nmt_master=True
+        )
+        self.endpoint = self.shell.endpoint
+        hashes = {1: dbc_hash(), 2: configuration_hash(vehicle.text)}
+        self.nodes = Nodes(self.endpoint, hashes)
+        self.acceptance: frozenset[int] | None = None  # everything: strangers are reported
+        self.mode = Mode.INIT
+        self.reset_epoch = 0
+        self.inhibit = Inhibit.STARTING
+        self._mode_since_ns = 0
+        self._button = Button()
+        self._requests = Requests()
+        self._standing = Debounce(STANDSTILL_NS)
+        self._age_limit_ms = decision_age_limit_ms(DEFAULT_PLANNER_PERIOD_MS)
+        self._is_period_allowed = True
+        self._codes: set[ErrorCode] = set()
+        self._foreign_until_ns = 0
+        self._failsafe_until_ns = 0
+
+    def step(
+        self, now_ns: int, received: Sequence[ReceivedFrame], sensors: SupervisorSensors
+    ) -> StepOutput[SupervisorActuator]:
+        """One 10 ms cycle; see `canbus.node`."""
+        shell = self.shell
+        messages = shell.begin(now_ns, received)
+        self._take_parameters()
+        self.nodes.take(now_ns, messages)
+        frames = self.nodes.check_configuration(now_ns, received)
+        self._watch_strangers(now_ns, messages)
+        self._take_request(messages)
+        faults = self._faults(now_ns, messages)
+        situation = self._situation(now_ns, sensors)
+        events = self._events(now_ns, sensors, situation, faults)
+        frames += self._change_mode(now_ns, min(events, key=_PRIORITY.__getitem__), faults)
+        shell.report(latch=self.mode in DRIVING_MODES or self.mode is Mode.EMERGENCY)
+        self.inhibit = inhibit(replace(situation, mode=self.mode))
+        shell.apply_mode(self.mode)
+        frames.append(self._state_frame(now_ns))
+        frames += self._starts(now_ns)
+        actuator = SupervisorActuator(automatic_relay_closed=RELAY_CLOSED[self.mode])
+        return StepOutput(frames=shell.finish(frames), actuator=actuator, events=shell.events)
+
+    # What is seen ----------------------------------------------------------------------------
+
+    def _take_parameters(self) -> None:
+        if self.shell.written:
+            written: dict[str, Any] = {event.name: event.value for event in self.shell.written}
+            self.params = replace(self.params, **written)
+
+    def _watch_strangers(self, now_ns: int, messages: Sequence[Message]) -> None:
+        for item in self.endpoint.foreign:
+            frame = item.frame
+            is_known = frame.can_id in SPECS
+            is_tolerated = self.params.foreign_id_min <= frame.can_id <= self.params.foreign_id_max
+            if not (is_tolerated and frame.kind == 0) or is_known:
+                self._foreign_until_ns = now_ns + FOREIGN_NS
+        if any(message.can_id == FAILSAFE_ID for message in messages):
+            self._failsafe_until_ns = now_ns + FOREIGN_NS
+
+    def _take_request(self, messages: Sequence[Message]) -> None:
+        newest = self._requests.take(messages)
+        if newest is None or self.mode in DRIVING_MODES:
+            return  # the limit is frozen while driving
+        limit_ms = decision_age_limit_ms(newest.planner_period_ms)
+        self._is_period_allowed = 0 < limit_ms <= self.params.command_timeout_s * 1e3
+        if self._is_period_allowed:
+            self._age_limit_ms = limit_ms
+
+    def _faults(self, now_ns: int, messages: Sequence[Message]) -> list[Cause]:
+        """What calls for the emergency brake while driving."""
+        if self.mode not in DRIVING_MODES:
+            for watch in self.nodes.watches.values():
+                watch.take_boot()
+            return []
+        since_ns = now_ns - self._mode_since_ns
+        faults = driving_faults(now_ns, since_ns, messages, self.nodes, self.endpoint, self.params)
+        own = [cause for cause in self.shell.causes if cause.code is not ErrorCode.ER0]
+        if self._requests.pending(now_ns) is Request.EMERGENCY_STOP:
+            own.append(Cause(code=ErrorCode.ER1, reason=Reason.REQUESTED, seen_ns=now_ns))
+        return own + faults
+
+    def _speed_mps(self, now_ns: int) -> float:
+        """The faster of driven and rear wheels; NaN when one of them is not known."""
+        throttle = self.endpoint.get("THROTTLE_STATUS", ThrottleStatus)
+        brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        is_fresh = all(
+            self.endpoint.is_fresh(name, now_ns) for name in ("THROTTLE_STATUS", "BRAKE_STATUS")
+        )
+        if not is_fresh or throttle is None or brake is None:
+            return math.nan
+        front, rear = abs(throttle.wheel_speed_radps), abs(brake.rear_wheel_speed_radps)
+        if math.isnan(front) or math.isnan(rear):
+            return math.nan
+        return max(front, rear) * self.params.wheel_radius_m
+
+    def _situation(self, now_ns: int, sensors: SupervisorSensors) -> Situation:
+        nodes = self.nodes
+        speed_mps = self._speed_mps(now_ns)
+        verdict = self.endpoint.get("SAFETY_VERDICT", SafetyVerdict)
+        is_verdict_fresh = self.endpoint.is_fresh("SAFETY_VERDICT", now_ns)
+        is_failsafe = now_ns < self._failsafe_until_ns
+        return Situation(
+            mode=self.mode,
+            alive=nodes.alive,
+            heard={name: nodes.is_heard(name, now_ns) for name in nodes.watches},
+            operational={name: watch.is_operational for name, watch in nodes.watches.items()},
+            configuration_equal={
+                name: watch.is_configuration_equal for name, watch in nodes.watches.items()
+            },
+            node_states=nodes.states,
+            codes=self._reported(now_ns),
+            blocking_codes=nodes.present_codes & RESET_BLOCKING,
+            verdict=verdict.verdict if verdict is not None and is_verdict_fresh else None,
+            is_driver_active=nodes.is_driver_active,
+            is_emergency_stop_pressed=sensors.emergency_stop_pressed or is_failsafe,
+            has_foreign_frames=now_ns < self._foreign_until_ns,
+            is_planner_period_allowed=self._is_period_allowed,
+            speed_mps=speed_mps,
+            is_standing=self._standing.update(speed_mps <= STANDSTILL_MPS_MAX, now_ns),
+            engage_speed_mps_max=self.params.engage_speed_mps_max,
+        )
+
+    def _reported(self, now_ns: int) -> frozenset[ErrorCode]:
+        own = self.shell.codes.reported(now_ns)
+        return own | self._codes | self.nodes.reported_codes
+
+    # What follows from it --------------------------------------------------------------------
+
+    def _events(
+        self,
+        now_ns: int,
+        sensors: SupervisorSensors,
+        situation: Situation,
+        faults: list[Cause],
+    ) -> set[ModeEvent]:
+        pending = self._requests.pending(now_ns)
+        is_pushed = self._button.pushed(sensors.button_pressed, now_ns)
+        may_reset = self.mode in (Mode.MANUAL, Mode.EMERGENCY)
+        is_reset = pending is Request.RESET or (is_pushed and self.mode is Mode.EMERGENCY)
+        heeds_driver = self.mode is Mode.READY or self.mode in DRIVING_MODES
+        ready_ns = round(self.params.ready_timeout_s * NS_PER_S)
+        states = set(situation.node_states.values())
+        all_seen = all(situation.alive[name] for name in situation.node_states) and (
+            len(situation.node_states) == len(_AXES) and NodeState.ACTIVE not in states
+        )
+        rules = {
+            ModeEvent.ADOPT: bool(states & SAFE_STATES) and self.mode is Mode.INIT,
+            ModeEvent.EMERGENCY_STOP: situation.is_emergency_stop_pressed,
+            ModeEvent.FAULT: bool(faults),
+            ModeEvent.DRIVER: situation.is_driver_active and heeds_driver,
+            ModeEvent.RESET: is_reset
+            and may_reset
+            and reset_inhibit(situation) is Inhibit.NONE,
+            ModeEvent.BUTTON: is_pushed,
+            ModeEvent.DISENGAGE: pending is Request.DISENGAGE,
+            ModeEvent.STANDSTILL: situation.is_standing and self.mode is Mode.STOPPING,
+            ModeEvent.ENGAGE: pending is Request.ENGAGE
+            and engage_inhibit(situation) is Inhibit.NOT_REQUESTED,
+            ModeEvent.TIMEOUT: self.mode is Mode.READY and now_ns - self._mode_since_ns > ready_ns,
+            ModeEvent.NODES_SEEN: all_seen,
+            ModeEvent.NOTHING: True,
+        }
+        if situation.is_emergency_stop_pressed:
+            reason = Reason.EMERGENCY_STOP_INPUT
+            if not sensors.emergency_stop_pressed:
+                reason = Reason.FAILSAFE_FRAME
+            self.shell.add_cause(ErrorCode.ER1, reason)
+        return {event for event, holds in rules.items() if holds}
+
+    def _change_mode(
+        self, now_ns: int, event: ModeEvent, faults: list[Cause]
+    ) -> list[Frame]:
+        before, self.mode = self.mode, MODE_AFTER[self.mode][event]
+        if event is ModeEvent.RESET:
+            self._reset()
+        if event in (ModeEvent.RESET, ModeEvent.ENGAGE, ModeEvent.DISENGAGE):
+            self._requests.done()
+        if self.mode is Mode.EMERGENCY:
+            self._codes.update(cause.code for cause in faults)
+        if self.mode is before:
+            return []
+        self._mode_since_ns = now_ns
+        self.shell.add_event(EventKind.MODE, f"{before.name} -> {self.mode.name}: {event.name}")
+        if self.mode is not Mode.EMERGENCY:
+            return []
+        if self._requests.pending(now_ns) is Request.EMERGENCY_STOP:
+            self._requests.done()
+        return self._enter_emergency(now_ns, event, faults)
+
+    def _reset(self) -> None:
+        self.reset_epoch = (self.reset_epoch + 1) % RESET_EPOCHS
+        self._codes.clear()
+        self.shell.reset_codes()
+
+    def _enter_emergency(
+        self, now_ns: int, event: ModeEvent, faults: list[Cause]
+    ) -> list[Frame]:
+        """Latches the codes and tells everybody, at once, what came first."""
+        if event is ModeEvent.ADOPT:
+            self.shell.add_cause(ErrorCode.ER1, Reason.ADOPTED)
+        causes = faults + self.shell.causes
+        first = next(cause for cause in causes if cause.code is not ErrorCode.ER0)
+        for cause in faults:
+            text = f"emergency brake: {cause.code.name} {cause.reason.name}"
+            self.shell.add_event(EventKind.CODE, text)
+        if not any(cause.code is ErrorCode.ER1 for cause in self.shell.causes):
+            self.shell.add_cause(ErrorCode.ER1, Reason.BRAKING_IN_PROGRESS)
+        message = EmergencyBrake(
+            code=first.code,
+            reason=first.reason,
+            cause_age_ms=min((now_ns - first.seen_ns) // NS_PER_MS, 65_535),
+            reset_epoch=self.reset_epoch,
+        )
+        return [self.endpoint.frame("SUPERVISOR_EMERGENCY_BRAKE", message)]
+
+    # What is sent ----------------------------------------------------------------------------
+
+    def _state_frame(self, now_ns: int) -> Frame:
+        authorised = AUTHORISED[self.mode]
+        state = SupervisorState(
+            mode=self.mode,
+            **{f"{axis}_authorised": axis in authorised for axis in _AXES},
+            reset_epoch=self.reset_epoch,
+            decision_age_ms_max=self._age_limit_ms,
+            inhibit=self.inhibit,
+            **code_flags(self._reported(now_ns)),
+        )
+        return self.endpoint.frame("SUPERVISOR_STATE", state)
+
+    def _starts(self, now_ns: int) -> list[Frame]:
+        """NMT starts; not while driving: who stopped then must stay stopped."""
+        if self.mode in DRIVING_MODES:
+            return []
+        starts = [watch.start_frame(now_ns) for watch in self.nodes.watches.values()]
+        return [frame for frame in starts if frame is not None]
+
+
+_AXES = ("steering", "throttle", "brake")
+_PRIORITY = {event: number for number, event in enumerate(ModeEvent)}
+assert SPEC_OF_NAME["SUPERVISOR_STATE"].cycle_ns == 10_000_000

@@ -1,0 +1,74 @@
+"""The speed loop: a profiled reference, feed-forward, PI with conditional integration.
+
+UAH's loop is a 10 Hz PI (Eq. 4-8). Drive torque and regeneration are one axis here; the servo's
+braking is another hand on the same speed, so the integrator freezes while it brakes.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ecus.common.limits import clamp, towards
+from ecus.throttle.params import ThrottleParams
+from ecus.throttle.ports import IDLE, ThrottleActuator, dac_code
+
+INTEGRAL_MPS2_MAX = 1.5
+"""Bound on the integrator: a slope of 15 %."""
+
+STANDSTILL_MPS = 0.1
+"""Below this with a zero setpoint nothing is asked of the motor; the servo holds the car."""
+
+
+def actuator_of(acceleration_mps2: float, params: ThrottleParams) -> ThrottleActuator:
+    """The two DAC codes for a wanted acceleration; negative regenerates."""
+    drive = acceleration_mps2 / params.drive_acceleration_mps2_full
+    full_regen = params.regen_deceleration_mps2_full
+    regen = -acceleration_mps2 / full_regen if full_regen > 0.0 else 0.0
+    return ThrottleActuator(throttle_dac_code=dac_code(drive), regen_dac_code=dac_code(regen))
+
+
+class SpeedLoop:
+    """Speed control at the driven wheels; one object, changed by `update` alone."""
+
+    __slots__ = ("_integral_mps2", "reference_mps")
+
+    def __init__(self) -> None:
+        self.reference_mps = 0.0
+        self._integral_mps2 = 0.0
+
+    def start(self, speed_mps: float) -> None:
+        """Begins at the measured speed: taking over must not jerk."""
+        self.reference_mps = max(speed_mps, 0.0)
+        self._integral_mps2 = 0.0
+
+    def update(
+        self,
+        target_mps: float,
+        speed_mps: float,
+        dt_s: float,
+        params: ThrottleParams,
+        *,
+        is_servo_braking: bool,
+    ) -> ThrottleActuator:
+        """DAC codes that bring the car to the target speed within the limits."""
+        before_mps = self.reference_mps
+        target_mps = clamp(target_mps, 0.0, params.speed_mps_max)
+        rising = target_mps > before_mps
+        rate = params.acceleration_mps2_max if rising else params.deceleration_mps2_max
+        self.reference_mps = towards(before_mps, target_mps, rate * dt_s)
+        if self.reference_mps == 0.0 and abs(speed_mps) < STANDSTILL_MPS:
+            self._integral_mps2 = 0.0
+            return IDLE
+        error_mps = self.reference_mps - speed_mps
+        feed_forward = params.feed_forward_gain * (self.reference_mps - before_mps) / dt_s
+        resistance = math.copysign(params.rolling_resistance_mps2, self.reference_mps)
+        wanted = feed_forward + resistance + params.speed_gain * error_mps + self._integral_mps2
+        low, high = -params.regen_deceleration_mps2_full, params.drive_acceleration_mps2_full
+        if is_servo_braking:
+            return actuator_of(min(wanted, 0.0), params)
+        step = params.integral_gain_per_s * error_mps * dt_s
+        if low < wanted < high or step * wanted < 0.0:  # no wind-up at saturation
+            self._integral_mps2 = clamp(
+                self._integral_mps2 + step, -INTEGRAL_MPS2_MAX, INTEGRAL_MPS2_MAX
+            )
+        return actuator_of(wanted, params)

@@ -1,0 +1,156 @@
+"""The throttle ECU: traction motor through a DAC, encoder, throttle pedal, regeneration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from canbus.node import PERIOD_NS
+from dbc.messages import (
+    BrakeStatus,
+    ErrorCode,
+    Mode,
+    Reason,
+    ThrottleDriver,
+    ThrottleStatus,
+)
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.encoder import EncoderSpeed
+from ecus.common.limits import clamp
+from ecus.common.node_state import SAFE_STATES
+from ecus.throttle.control import SpeedLoop, actuator_of
+from ecus.throttle.mode import ACTION, Situation, ThrottleAction
+from ecus.throttle.params import EXPOSED, ThrottleParams
+from ecus.throttle.ports import IDLE, ThrottleActuator, ThrottleSensors
+from vehicles import Vehicle
+
+BRAKING_RATIO_MIN = 0.05
+"""Servo position above which the pads touch: no drive torque, frozen integrator."""
+
+BRAKED_RATIO_MIN = 0.5
+"""Servo position that counts as braking in an emergency."""
+
+TRAVEL_MARGIN = 1.3
+"""The servo is given this multiple of its travel time before it counts as dead."""
+
+REGEN_SPEED_MPS_MIN = 0.3
+"""Regeneration ends here: it could not hold the car, only turn it back."""
+
+PEDAL_RATIO_MAX = 1.2
+WHEEL_SPEED_RADPS_MAX = 320.0
+PERIOD_S = PERIOD_NS * 1e-9
+
+
+class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
+    """Node 3."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._start_params = self.params = ThrottleParams.of(vehicle)
+        super().__init__(
+            vehicle,
+            node="Throttle",
+            eds="throttle",
+            prefix="THROTTLE",
+            authorisation="throttle_authorised",
+            also_subscribed=("BRAKE_STATUS",),
+            parameters={name: getattr(self.params, name) for name in EXPOSED},
+        )
+        self.loop = SpeedLoop()
+        self._encoder = EncoderSpeed(self.params.encoder_pulses_per_rev)
+        self._wheel_speed_radps = 0.0
+        self._pedal_ratio = 0.0
+        self._safe_since_ns: int | None = None
+        self._action = ThrottleAction.IDLE
+
+    @property
+    def _command_timeout_ns(self) -> int:
+        return round(self.params.command_timeout_s * NS_PER_S)
+
+    @property
+    def _speed_mps(self) -> float:
+        return self._wheel_speed_radps * self.params.wheel_radius_m
+
+    def _apply_parameters(self, written: Mapping[str, float] | None) -> None:
+        base = self._start_params if written is None else self.params
+        self.params = replace(base, **(written or {}))
+
+    def _sense(self, now_ns: int, sensors: ThrottleSensors) -> bool:
+        motor_radps = self._encoder.update(
+            now_ns, sensors.encoder_count, sensors.encoder_edge_age_s
+        )
+        self._wheel_speed_radps = clamp(
+            motor_radps / self.params.gear_ratio, -WHEEL_SPEED_RADPS_MAX, WHEEL_SPEED_RADPS_MAX
+        )
+        self._pedal_ratio = sensors.pedal_ratio
+        if math.isnan(sensors.pedal_ratio):
+            self.shell.add_cause(ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
+        return sensors.pedal_ratio > self.params.driver_pedal_ratio_max
+
+    def _act(self, now_ns: int) -> ThrottleActuator:
+        before = self._action
+        self._action = ACTION[self.state][self._situation(now_ns)]
+        if self._action in (ThrottleAction.IDLE, ThrottleAction.CUT):
+            return IDLE
+        if self._action is ThrottleAction.REGENERATE:
+            if self._speed_mps < REGEN_SPEED_MPS_MIN:
+                return IDLE
+            return actuator_of(-self.params.regen_deceleration_mps2_full, self.params)
+        if before is ThrottleAction.IDLE:
+            self.loop.start(self._speed_mps)
+        brake = None
+        if self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
+            brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        is_servo_braking = brake is None or not brake.servo_position_ratio <= BRAKING_RATIO_MIN
+        return self.loop.update(
+            self._target_mps(now_ns),
+            self._speed_mps,
+            PERIOD_S,
+            self.params,
+            is_servo_braking=is_servo_braking,
+        )
+
+    def _target_mps(self, now_ns: int) -> float:
+        """The planner's speed; zero in a controlled stop and without a valid command."""
+        command = self._valid_command(now_ns)
+        if self._action is ThrottleAction.STOP or command is None:
+            return 0.0
+        wheel_speed_radps: float = command.wheel_speed_radps
+        return 0.0 if math.isnan(wheel_speed_radps) else (
+            wheel_speed_radps * self.params.wheel_radius_m
+        )
+
+    def _situation(self, now_ns: int) -> Situation:
+        if self.state not in SAFE_STATES:
+            self._safe_since_ns = None
+            supervisor = self._supervisor
+            is_stopping = supervisor is not None and supervisor.mode is Mode.STOPPING
+            return Situation.STOPPING if is_stopping else Situation.NORMAL
+        if self._safe_since_ns is None:
+            self._safe_since_ns = now_ns
+        return Situation.NORMAL if self._is_servo_working(now_ns) else Situation.BRAKE_MISSING
+
+    def _is_servo_working(self, now_ns: int) -> bool:
+        """Whether the servo brakes, or still has time to."""
+        assert self._safe_since_ns is not None
+        status = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        if status is None or not self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
+            return False
+        travel_ns = round(TRAVEL_MARGIN * self.params.brake_travel_s * NS_PER_S)
+        is_due = now_ns - self._safe_since_ns > travel_ns
+        return not is_due or status.servo_position_ratio >= BRAKED_RATIO_MIN
+
+    def _status(self) -> ThrottleStatus:
+        is_following = self._action in (ThrottleAction.FOLLOW, ThrottleAction.STOP)
+        reference_radps = self.loop.reference_mps / self.params.wheel_radius_m
+        return ThrottleStatus(
+            wheel_speed_radps=self._wheel_speed_radps,
+            applied_wheel_speed_radps=reference_radps if is_following else math.nan,
+        )
+
+    def _driver(self, flags: dict[str, Any]) -> ThrottleDriver:
+        pedal_ratio = self._pedal_ratio
+        if not math.isnan(pedal_ratio):
+            pedal_ratio = clamp(pedal_ratio, 0.0, PEDAL_RATIO_MAX)
+        return ThrottleDriver(pedal_ratio=pedal_ratio, **flags)

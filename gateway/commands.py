@@ -1,0 +1,121 @@
+"""What a planner may ask for: checked before anything is sent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Real
+
+from canbus.node import PERIOD_NS
+from dbc.endpoint import SPEC_OF_NAME
+from vehicles.vehicle import Vehicle
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+
+PLANNER_PERIOD_NS_MIN = PERIOD_NS
+"""No node acts on decisions that come faster than its own cycle."""
+
+PLANNER_PERIODS_MAX = 1.5
+"""A planner may be late by half its period (design, time budget)."""
+
+COMMAND_PERIOD_NS = SPEC_OF_NAME["STEER_COMMAND"].cycle_ns
+COMMAND_FRAMES_SPARE = 2
+"""One lost command frame must not trip the limit; the second one brings the decision."""
+
+CYCLES_SLACK_NS = 15_000_000
+"""The receiver's cycle of 10 ms and half a cycle of jitter."""
+
+assert COMMAND_FRAMES_SPARE >= 2  # one lost frame, and the one that follows it
+assert CYCLES_SLACK_NS >= PERIOD_NS + PERIOD_NS // 2
+assert COMMAND_PERIOD_NS == 2 * PERIOD_NS
+
+
+class CommandError(ValueError):
+    """A value out of its range; the text names field, value and allowed range with unit."""
+
+
+def decision_age_ns_max(planner_period_ns: int) -> int:
+    """Age at which a planner that promised this period counts as silent (design, time budget)."""
+    late_ns = round(planner_period_ns * PLANNER_PERIODS_MAX)
+    return late_ns + COMMAND_FRAMES_SPARE * COMMAND_PERIOD_NS + CYCLES_SLACK_NS
+
+
+assert decision_age_ns_max(20 * NS_PER_MS) == 85 * NS_PER_MS  # the design's worked example
+
+
+def planner_period_ns_max(vehicle: Vehicle) -> int:
+    """Longest period, in whole ms, whose decision-age limit the vehicle's time-out allows."""
+    timeout_ns = round(vehicle.times.command_timeout_s * NS_PER_S)
+    rest_ns = timeout_ns - decision_age_ns_max(0)
+    return int(rest_ns / PLANNER_PERIODS_MAX) // NS_PER_MS * NS_PER_MS
+
+
+def checked_period_ns(vehicle: Vehicle, planner_period_s: object) -> int:
+    """A planner's period in ns, checked against the vehicle.
+
+    Raises:
+        TypeError: Not a number.
+        CommandError: Below 10 ms, or so long that the decision-age limit would exceed the
+            vehicle's command time-out; names the largest period allowed.
+    """
+    low_s = PLANNER_PERIOD_NS_MIN / NS_PER_S
+    high_s = planner_period_ns_max(vehicle) / NS_PER_S
+    if high_s < low_s:
+        raise CommandError(
+            f"vehicle {vehicle.name}: times.command_timeout_s = {vehicle.times.command_timeout_s:g}"
+            f" leaves no room for a planner: wanted at least"
+            f" {decision_age_ns_max(PLANNER_PERIOD_NS_MIN) / NS_PER_S:g} s"
+        )
+    period_s = checked("planner_period_s", planner_period_s, low_s, high_s, "s")
+    return round(period_s * NS_PER_S)
+
+
+def promised_period_ms(period_ns: int) -> int:
+    """The period as MODE_REQUEST carries it: whole ms, rounded up, so that it can be kept."""
+    return -(-period_ns // NS_PER_MS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """One decision of the planner. Made by `decide`, which checks it."""
+
+    speed_mps: float
+    curvature_per_m: float
+    """Positive turns left."""
+
+
+def decide(vehicle: Vehicle, *, speed_mps: object, curvature_per_m: object) -> Decision:
+    """A decision this vehicle can execute.
+
+    Raises:
+        TypeError: A value that is no number (bool counts as none).
+        CommandError: NaN, infinite or out of range. Speed: 0 to `traction.speed_mps_max` (no
+            reverse); curvature: plus or minus what the steering reaches.
+    """
+    curvature_per_m_max = vehicle.curvature_per_m_max
+    return Decision(
+        speed_mps=checked("speed_mps", speed_mps, 0.0, vehicle.traction.speed_mps_max, "m/s"),
+        curvature_per_m=checked(
+            "curvature_per_m", curvature_per_m, -curvature_per_m_max, curvature_per_m_max, "1/m"
+        ),
+    )
+
+
+def checked(field: str, value: object, low: float, high: float, unit: str) -> float:
+    """The value as a float within [low, high].
+
+    Raises:
+        TypeError: Not a real number; bool counts as none.
+        CommandError: NaN, infinite or out of range.
+    """
+    allowed = f"allowed {low:.6g} to {high:.6g} {unit}"
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{field} = {value!r}: a number is wanted, {allowed}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not low <= number <= high:  # NaN fails as well
+        raise CommandError(f"{field} = {number!r}: {allowed}")
+    return number

@@ -1,0 +1,246 @@
+"""The gateway as a node without I/O: decisions in, command frames out, with the decision's age.
+
+The gateway never refreshes a decision. It repeats the last one with a growing age, and the
+actuators notice. On leaving AUTOMATIC the decision is forgotten: nothing drives on it later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from canbus.canopen_node import CanopenNode
+from canbus.canopen_protocol import CanopenEvent, CanopenEventKind, NmtCommand, NmtState
+from canbus.frame import Frame, FrameKind, ReceivedFrame
+from canbus.node import NODE_IDS, Event, EventKind, StepOutput
+from dbc.database import configuration_hash, dbc_hash
+from dbc.endpoint import SPEC_OF_NAME, Endpoint, Message, is_forged, sent_by
+from dbc.messages import (
+    EmergencyBrake,
+    ErrorCode,
+    HeartbeatState,
+    Mode,
+    Reason,
+    Request,
+    SupervisorState,
+)
+from gateway.command_sender import CommandSender
+from gateway.commands import NS_PER_S, Decision, checked_period_ns, promised_period_ms
+from gateway.kinematics import Kinematics
+from gateway.report import CodeReport
+from gateway.requests import DRIVING_MODES, BrakeSender, RequestSender, SupervisorView
+from gateway.state import (
+    EMERGENCY_SENDER,
+    SUBSCRIBED,
+    CarState,
+    EmergencyReason,
+    OwnSide,
+    car_state,
+    message_name,
+)
+from vehicles.vehicle import Vehicle
+
+FOREIGN_NS = 1_000_000_000
+"""A stranger is remembered for this long after his last frame."""
+
+FOLLOWING_REASONS = frozenset(
+    {Reason.NODE_EMERGENCY, Reason.FAILSAFE_FRAME, Reason.ADOPTED, Reason.BRAKING_IN_PROGRESS}
+)
+"""Reasons that only repeat somebody else's; they do not replace a first-hand one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerInputs:
+    """What the planner did since the last step."""
+
+    decision: Decision | None = None
+    """A new decision."""
+    decided_ns: int = 0
+    """When it was made, on the gateway's clock."""
+    request: Request | None = None
+    """A new request; NONE withdraws the pending one."""
+
+
+NO_INPUTS = PlannerInputs()
+
+
+class GatewayCore:
+    """Node 6. May be stepped more often than every 10 ms: at once after a decision, say.
+
+    Raises:
+        CommandError: The planner's period is outside what the vehicle allows.
+        VehicleError: The vehicle can do more than the DBC's signals can carry.
+    """
+
+    def __init__(self, vehicle: Vehicle, planner_period_ns: int) -> None:
+        checked_period_ns(vehicle, planner_period_ns / NS_PER_S)
+        self.name = "Gateway"
+        self.vehicle = vehicle
+        self.planner_period_ns = planner_period_ns
+        self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
+        self._endpoint = Endpoint(self.name, SUBSCRIBED)
+        self._canopen = CanopenNode(
+            NODE_IDS[self.name],
+            files("dbc").joinpath("eds", "gateway.eds").read_text(encoding="utf-8"),
+            dbc_hash=dbc_hash(),
+            vehicle_hash=configuration_hash(vehicle.text),
+            parameters={"command_timeout_s": vehicle.times.command_timeout_s},
+        )
+        self.acceptance: frozenset[int] | None = (
+            self._endpoint.acceptance | self._canopen.acceptance
+        )
+        self._requests = RequestSender(self._endpoint, promised_period_ms(planner_period_ns))
+        self._commands = CommandSender(
+            vehicle, self._kinematics, self._endpoint, planner_period_ns
+        )
+        self._brake = BrakeSender(self._endpoint)
+        self._report = CodeReport(self._canopen)
+        self._view = SupervisorView(mode=None, reset_epoch=None, arrival_ns=0)
+        self._emergency_reason: EmergencyReason | None = None
+        self._foreign: tuple[int, int] | None = None
+        self._events: list[Event] = []
+        self._now_ns = 0
+
+    # The step --------------------------------------------------------------------------------
+
+    def step(
+        self, now_ns: int, received: Sequence[ReceivedFrame], sensors: PlannerInputs = NO_INPUTS
+    ) -> StepOutput[None]:
+        """Takes in frames and the planner's inputs; answers the frames to send.
+
+        Args:
+            now_ns: Never goes back.
+            received: Frames since the last step, in order of arrival.
+            sensors: The planner's inputs; a node's usual place for what is not on the bus.
+        """
+        assert now_ns >= self._now_ns, "time went back"
+        self._now_ns = now_ns
+        self._events = []
+        frames = self._step_canopen(received)
+        messages = self._endpoint.take(received)
+        self._judge_traffic()
+        for message in messages:
+            self._follow(message)
+        self._take_inputs(sensors)
+        is_operational = self._canopen.state is NmtState.OPERATIONAL
+        may_move = is_operational and not self._foreign_name()
+        frames += self._brake.step(now_ns, self._view)
+        frames += self._requests.step(now_ns, self._view, may_move=may_move)
+        if is_operational:
+            frames += self._commands.step(now_ns)
+        self._report.expire(now_ns)
+        frames += self._canopen.step(now_ns, ())
+        return StepOutput(frames=frames, actuator=None, events=self._events)
+
+    def state(self, now_ns: int) -> CarState:
+        """The car as known at `now_ns`."""
+        own = OwnSide(
+            heartbeat=HeartbeatState(self._canopen.state),
+            decision_age_s=self._commands.decision_age_s(now_ns),
+            pending_request=self._requests.pending,
+            emergency_reason=self._emergency_reason,
+            foreign_name=self._foreign_name(),
+        )
+        return car_state(self._endpoint, self._kinematics, now_ns, own)
+
+    # What comes in ---------------------------------------------------------------------------
+
+    def _step_canopen(self, received: Sequence[ReceivedFrame]) -> list[Frame]:
+        ids = self._canopen.acceptance
+        frames = self._canopen.step(
+            self._now_ns, [item.frame for item in received if item.frame.can_id in ids]
+        )
+        for event in self._canopen.poll_events():
+            self._obey(event)
+        return frames
+
+    def _obey(self, event: CanopenEvent) -> None:
+        # The EDS has no writable parameter, so only NMT commands come here.
+        assert event.command is not None
+        self._log(EventKind.NMT, f"obeyed {event.command.name}")
+        if event.command is not NmtCommand.START:
+            self._add_cause(ErrorCode.ER2, Reason.NMT_COMMAND)
+        if event.kind is CanopenEventKind.RESET_NODE:
+            self._commands.forget()
+            self._requests.clear()
+
+    def _judge_traffic(self) -> None:
+        """Bad frames and strangers: reported; a stranger who commands the driving car stops it."""
+        for bad in self._endpoint.bad:
+            self._log(EventKind.FRAME, f"ignored {bad.frame}: {bad.fault.name.lower()}")
+            self._add_cause(ErrorCode.ER0, Reason.BAD_FRAME)
+        for item in self._endpoint.foreign:
+            kind = item.frame.kind
+            self._log(EventKind.FOREIGN, f"{item.frame} ({kind.name.lower()})")
+            if item.frame.can_id not in _OWN_IDS or kind is FrameKind.EXTENDED:
+                continue
+            self._foreign = (item.frame.can_id, self._now_ns)
+            self._add_cause(ErrorCode.ER1, Reason.FOREIGN_SENDER)
+            if is_forged(item.frame) and self._view.mode in DRIVING_MODES:
+                self._start_brake(Reason.FOREIGN_SENDER)
+        if self._endpoint.is_bus_off:
+            self._add_cause(ErrorCode.ER2, Reason.BUS_OFF)
+
+    def _follow(self, message: Message) -> None:
+        """The supervisor's mode, and why others brake."""
+        node = EMERGENCY_SENDER.get(message.can_id)
+        if node is not None:
+            brake: EmergencyBrake = message.content
+            self._note_emergency(EmergencyReason(node=node, code=brake.code, reason=brake.reason))
+            return
+        if message.can_id != _SUPERVISOR_ID:
+            return
+        state: SupervisorState = message.content
+        before = self._view
+        self._view = SupervisorView(
+            mode=state.mode, reset_epoch=state.reset_epoch, arrival_ns=message.arrival_ns
+        )
+        if state.mode is not before.mode:
+            self._log(EventKind.MODE, f"supervisor: {state.mode.name}")
+            if before.mode in DRIVING_MODES and state.mode not in DRIVING_MODES:
+                self._commands.forget()
+            if state.mode is Mode.AUTOMATIC:
+                self._emergency_reason = None
+        if before.reset_epoch is not None and state.reset_epoch != before.reset_epoch:
+            self._emergency_reason = None
+
+    def _note_emergency(self, reason: EmergencyReason) -> None:
+        if self._emergency_reason is None or reason.reason not in FOLLOWING_REASONS:
+            self._emergency_reason = reason
+
+    def _take_inputs(self, inputs: PlannerInputs) -> None:
+        if inputs.decision is not None:
+            assert inputs.decided_ns <= self._now_ns, "a decision from the future"
+            self._commands.submit(inputs.decision, inputs.decided_ns)
+        if inputs.request is None:
+            return
+        if not self._requests.submit(inputs.request, self._now_ns, self._view):
+            text = f"{inputs.request.name} dropped: an emergency stop is pending"
+            self._log(EventKind.MODE, text)
+        if inputs.request is Request.EMERGENCY_STOP:
+            self._start_brake(Reason.REQUESTED)
+
+    # What is reported ------------------------------------------------------------------------
+
+    def _start_brake(self, reason: Reason) -> None:
+        if self._brake.start(reason, self._now_ns, self._view):
+            self._note_emergency(
+                EmergencyReason(node=self.name, code=ErrorCode.ER1, reason=reason)
+            )
+
+    def _foreign_name(self) -> str:
+        if self._foreign is None or self._now_ns - self._foreign[1] > FOREIGN_NS:
+            return ""
+        return message_name(self._foreign[0])
+
+    def _add_cause(self, code: ErrorCode, reason: Reason) -> None:
+        if self._report.add(code, reason, self._now_ns):
+            self._log(EventKind.CODE, f"{code.name} {reason.name}")
+
+    def _log(self, kind: EventKind, text: str) -> None:
+        self._events.append(Event(time_ns=self._now_ns, node=self.name, kind=kind, text=text))
+
+
+_SUPERVISOR_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+_OWN_IDS = sent_by("Gateway")

@@ -1,0 +1,127 @@
+"""The motion envelope: speed, steering, lateral acceleration and jerk, and divergence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dbc.messages import MonitorReason
+from safety_monitor.checks import (
+    ANGLE_WINDOW_NS,
+    ENVELOPE_HOLD_NS,
+    JERK_WINDOW_NS,
+    Finding,
+    Persistence,
+    Slope,
+)
+from safety_monitor.envelope import Limits
+from safety_monitor.verdict import Severity
+
+STEER_STATUS_ID = 0x182
+THROTTLE_STATUS_ID = 0x183
+BRAKE_STATUS_ID = 0x184
+
+STEERING_DIVERGENCE_NS = 200_000_000
+SPEED_DIVERGENCE_NS = 1_000_000_000
+AXLE_DIVERGENCE_NS = 200_000_000
+BRAKE_DIVERGENCE_NS = 450_000_000
+"""Longer than the servo's full travel of 0.29 s and its stick."""
+AXLE_SPEED_DIVERGENCE_MPS = 1.0
+"""Driven and rear wheels; a locked or spinning axle may differ for a moment."""
+_R = MonitorReason
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """What the status frames say; NaN where they say nothing."""
+
+    wheel_angle_rad: float
+    applied_wheel_angle_rad: float
+    front_speed_radps: float
+    applied_speed_radps: float
+    rear_speed_radps: float
+    servo_ratio: float
+    applied_servo_ratio: float
+
+
+class MotionChecks:
+    """Judges one `Motion` per step."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._rate = Slope(ANGLE_WINDOW_NS)
+        self._jerk = Slope(JERK_WINDOW_NS)
+        hold = ENVELOPE_HOLD_NS
+        self._persistence = {
+            _R.SPEED: Persistence(hold),
+            _R.STEERING_ANGLE: Persistence(hold),
+            _R.STEERING_RATE: Persistence(hold),
+            _R.LATERAL_ACCELERATION: Persistence(hold),
+            _R.LATERAL_JERK: Persistence(hold),
+            _R.STEERING_DIVERGENCE: Persistence(STEERING_DIVERGENCE_NS),
+            _R.SPEED_DIVERGENCE: Persistence(SPEED_DIVERGENCE_NS),
+            _R.BRAKE_DIVERGENCE: Persistence(BRAKE_DIVERGENCE_NS),
+        }
+        self._axles = Persistence(AXLE_DIVERGENCE_NS)
+
+    def judge(self, now_ns: int, motion: Motion) -> list[Finding]:
+        """Limits exceeded for long enough, and measured values that are not available."""
+        findings = []
+        for reason, identifier, share in self._shares(now_ns, motion):
+            if self._persistence[reason].holds(share > 1.0, now_ns):
+                findings.append(self._finding(reason, identifier, share))
+        for identifier, value in (
+            (STEER_STATUS_ID, motion.wheel_angle_rad),
+            (THROTTLE_STATUS_ID, motion.front_speed_radps),
+            (BRAKE_STATUS_ID, motion.rear_speed_radps),
+            (BRAKE_STATUS_ID, motion.servo_ratio),
+        ):
+            if math.isnan(value):
+                findings.append(self._finding(_R.VALUE_NOT_AVAILABLE, identifier, 0.0))
+        axles = self._axle_share(motion)
+        if self._axles.holds(axles > 1.0, now_ns):
+            findings.append(self._finding(_R.SPEED_DIVERGENCE, BRAKE_STATUS_ID, axles))
+        return findings
+
+    @staticmethod
+    def _finding(reason: MonitorReason, identifier: int, share: float) -> Finding:
+        return Finding(
+            reason=reason, severity=Severity.HAZARD, identifier=identifier, share=share
+        )
+
+    def _shares(self, now_ns: int, m: Motion) -> list[tuple[MonitorReason, int, float]]:
+        """Each quantity over its limit. A setpoint that is not available cannot diverge."""
+        limits = self._limits
+        radius_m = limits.wheel_radius_m
+        speed_mps = max(abs(m.front_speed_radps), abs(m.rear_speed_radps)) * radius_m
+        road_wheel_rad = m.wheel_angle_rad / limits.steering_ratio
+        curvature_per_m = math.tan(road_wheel_rad) / limits.wheelbase_m
+        # The rear wheels roll at the speed of the reference point (UAH, after Eq. 9).
+        lateral_mps2 = (m.rear_speed_radps * radius_m) ** 2 * curvature_per_m
+        rate_radps = self._rate.update(now_ns, m.wheel_angle_rad)
+        jerk_mps3 = self._jerk.update(now_ns, lateral_mps2)
+        angle_error_rad = m.applied_wheel_angle_rad - m.wheel_angle_rad
+        speed_error_mps = (m.applied_speed_radps - m.front_speed_radps) * radius_m
+        servo_error = m.applied_servo_ratio - m.servo_ratio
+        pairs = (
+            (_R.SPEED, THROTTLE_STATUS_ID, speed_mps, limits.speed_mps_max),
+            (_R.STEERING_ANGLE, STEER_STATUS_ID, m.wheel_angle_rad, limits.wheel_angle_rad_max),
+            (_R.STEERING_RATE, STEER_STATUS_ID, rate_radps, limits.wheel_rate_radps_max),
+            (_R.LATERAL_ACCELERATION, STEER_STATUS_ID, lateral_mps2,
+             limits.lateral_acceleration_mps2_max),
+            (_R.LATERAL_JERK, STEER_STATUS_ID, jerk_mps3, limits.lateral_jerk_mps3_max),
+            (_R.STEERING_DIVERGENCE, STEER_STATUS_ID, angle_error_rad,
+             limits.wheel_angle_divergence_rad_max),
+            (_R.SPEED_DIVERGENCE, THROTTLE_STATUS_ID, speed_error_mps,
+             limits.speed_divergence_mps_max),
+            (_R.BRAKE_DIVERGENCE, BRAKE_STATUS_ID, servo_error,
+             limits.brake_divergence_ratio_max),
+        )
+        return [(reason, can_id, abs(value) / limit) for reason, can_id, value, limit in pairs]
+
+    def _axle_share(self, m: Motion) -> float:
+        """Driven against rear wheels: an encoder that lies shows here."""
+        road_wheel_rad = m.wheel_angle_rad / self._limits.steering_ratio
+        rear_from_front = m.front_speed_radps * math.cos(road_wheel_rad)  # UAH Eq. 14
+        difference_mps = abs(rear_from_front - m.rear_speed_radps) * self._limits.wheel_radius_m
+        return difference_mps / AXLE_SPEED_DIVERGENCE_MPS

@@ -1,0 +1,38 @@
+"""A node's own clock: it starts somewhere and drifts, so that mixing clocks fails loudly."""
+
+from __future__ import annotations
+
+from canbus.frame import Frame, ReceivedFrame
+
+PPM = 1_000_000
+
+
+class NodeClock:
+    """Local time = epoch + true time x (1 + drift). Integer arithmetic, exactly repeatable."""
+
+    __slots__ = ("drift_ppm", "epoch_ns")
+
+    def __init__(self, epoch_ns: int, drift_ppm: int) -> None:
+        assert abs(drift_ppm) < PPM // 100, "a crystal is better than one per cent"
+        self.epoch_ns = epoch_ns
+        self.drift_ppm = drift_ppm
+
+    def local_ns(self, true_ns: int) -> int:
+        """The node's time at a true time."""
+        return self.epoch_ns + true_ns + true_ns * self.drift_ppm // PPM
+
+    def received(self, heard: list[tuple[int, Frame]]) -> list[ReceivedFrame]:
+        """Frames with true times as the node sees them: with its own times."""
+        epoch_ns, drift_ppm = self.epoch_ns, self.drift_ppm
+        return [
+            ReceivedFrame(epoch_ns + true_ns + true_ns * drift_ppm // PPM, frame)
+            for true_ns, frame in heard
+        ]
+
+    def true_ns(self, local_ns: int) -> int:
+        """The first true time at which the node's clock shows at least `local_ns`."""
+        elapsed_ns = local_ns - self.epoch_ns
+        guess_ns = elapsed_ns * PPM // (PPM + self.drift_ppm)
+        while self.local_ns(guess_ns) < local_ns:
+            guess_ns += 1
+        return guess_ns

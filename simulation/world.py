@@ -1,0 +1,210 @@
+"""All nodes and a car in virtual time, with the same code as on the car."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from canbus.frame import Frame
+from canbus.node import NODE_IDS, PERIOD_NS, Event
+from ecus.brake_servo.ecu import BrakeServoEcu
+from ecus.steering.ecu import SteeringEcu
+from ecus.supervisor.ecu import SupervisorEcu
+from ecus.throttle.ecu import ThrottleEcu
+from gateway.core import NO_INPUTS, GatewayCore, PlannerInputs
+from safety_monitor.monitor import SafetyMonitor
+from safety_monitor.ports import MonitorSensors
+from simulation.kernel import Kernel
+from simulation.node_clock import NodeClock
+from simulation.plant.car import ORIGIN, Car
+from simulation.plant.params import PlantParams, plant_params
+from simulation.plant.state import Pose
+from simulation.trace import Trace
+from simulation.wire import Wire, WireFrame
+from vehicles import Vehicle
+
+STEP_PRIORITY = 1
+PHASE_STEP_NS = 1_370_000
+"""Nodes begin their cycles apart, as crystals that were switched on by hand do."""
+DRIFT_PPM_MAX = 100
+EPOCH_NS_MAX = 10**12
+"""Clocks show up to 17 minutes at the start: a time taken from another clock is far off."""
+
+Sense = Callable[[int], Any]
+Act = Callable[[int, Any], None]
+
+
+@dataclass(slots=True)
+class Mounting:
+    """How a node is wired: made by `build`, reading `sense`, moving `act`."""
+
+    build: Callable[[], Any]
+    sense: Sense
+    act: Act
+
+
+class Station:
+    """One node on the wire: its clock, its inbox, and whether it lives."""
+
+    def __init__(self, world: World, name: str, mounting: Mounting, clock: NodeClock) -> None:
+        self.name = name
+        self.clock = clock
+        self.node: Any = mounting.build()
+        self.is_alive = True
+        self.is_mute = False
+        self.is_deaf = False
+        self._world = world
+        self._mounting = mounting
+        self.inbox: list[WireFrame] = []
+        self._next_ns = 0
+
+    @property
+    def acceptance(self) -> frozenset[int] | None:
+        """Identifiers the node's controller lets through; None for all."""
+        accepted: frozenset[int] | None = self.node.acceptance
+        return accepted
+
+    def start(self, true_ns: int) -> None:
+        """Plans the first cycle."""
+        self._next_ns = self.clock.local_ns(true_ns)
+        self._world.kernel.at(true_ns, STEP_PRIORITY, self._cycle)
+
+    def _cycle(self, true_ns: int) -> None:
+        missed = max(self.clock.local_ns(true_ns) - self._next_ns, 0) // PERIOD_NS
+        self._next_ns += (1 + missed) * PERIOD_NS  # no bursts: what is missed is missed
+        due_ns = self.clock.true_ns(self._next_ns) + self._world.delay_ns(self.name)
+        self._world.kernel.at(max(due_ns, true_ns), STEP_PRIORITY, self._cycle)
+        if self.is_alive:
+            self.step(true_ns)
+        else:
+            self.inbox.clear()
+
+    def step(self, true_ns: int, sensors: Any = None) -> None:
+        """One step of the node now; `sensors` in place of what its mounting reads."""
+        heard, self.inbox = self.inbox, []
+        received = [] if self.is_deaf else self.clock.received(heard)
+        if sensors is None:
+            sensors = self._mounting.sense(true_ns)
+        output = self.node.step(self.clock.local_ns(true_ns), received, sensors)
+        if output.actuator is not None:
+            self._mounting.act(true_ns, output.actuator)
+        if output.events:
+            self._world.take_events(true_ns, output.events)
+        if not self.is_mute:
+            self._world.wire.send(true_ns, self.name, output.frames)
+
+    def restart(self) -> None:
+        """Power off and on: a new node with nothing remembered."""
+        self.node = self._mounting.build()
+        self.inbox = []
+        self.is_alive = True
+
+
+class World:
+    """The car, the wire and the six nodes.
+
+    Args:
+        vehicle: What the nodes believe.
+        seed: The only source of chance: sensor noise, clocks, phases.
+        planner_period_ns: What the planner promises.
+        start_pose: Where the car stands.
+        plant: The truth; by default that of the vehicle's name.
+        keep_frames: Whether the trace keeps every frame, or only the hash.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        seed: int,
+        *,
+        planner_period_ns: int = 20_000_000,
+        start_pose: Pose = ORIGIN,
+        plant: PlantParams | None = None,
+        keep_frames: bool = True,
+    ) -> None:
+        root = np.random.default_rng(seed)
+        car_rng, clock_rng, self.planner_rng = root.spawn(3)
+        self.vehicle = vehicle
+        self.seed = seed
+        self.kernel = Kernel()
+        self.car = Car(plant or plant_params(vehicle.name), car_rng, start_pose)
+        self.wire = Wire(self.kernel, round(vehicle.bus.bitrate_bps))
+        self.trace = Trace(keep=keep_frames)
+        self.wire.witnesses.append(self.trace)
+        self.events: list[tuple[int, Event]] = []
+        self.delays_ns: dict[str, int] = {}
+        self.stations = self._build(planner_period_ns, clock_rng)
+
+    def _build(self, planner_period_ns: int, clock_rng: Generator) -> dict[str, Station]:
+        car, vehicle = self.car, self.vehicle
+
+        def nothing(true_ns: int, command: Any) -> None:
+            raise AssertionError("a node without actuator gave a command")
+
+        def monitor_sensors(true_ns: int) -> MonitorSensors:
+            return MonitorSensors(emergency_stop_pressed=car.driver.emergency_stop_pressed)
+
+        mountings = {
+            "Supervisor": Mounting(
+                lambda: SupervisorEcu(vehicle), car.sense_supervisor, car.actuate_supervisor
+            ),
+            "Steering": Mounting(
+                lambda: SteeringEcu(vehicle), car.sense_steering, car.actuate_steering
+            ),
+            "Throttle": Mounting(
+                lambda: ThrottleEcu(vehicle), car.sense_throttle, car.actuate_throttle
+            ),
+            "BrakeServo": Mounting(
+                lambda: BrakeServoEcu(vehicle), car.sense_brake, car.actuate_brake
+            ),
+            "SafetyMonitor": Mounting(lambda: SafetyMonitor(vehicle), monitor_sensors, nothing),
+            "Gateway": Mounting(
+                lambda: GatewayCore(vehicle, planner_period_ns), lambda _: NO_INPUTS, nothing
+            ),
+        }
+        assert mountings.keys() == NODE_IDS.keys()
+        stations = {}
+        for number, (name, mounting) in enumerate(mountings.items()):
+            epoch_ns = int(clock_rng.integers(EPOCH_NS_MAX))
+            drift_ppm = int(clock_rng.integers(-DRIFT_PPM_MAX, DRIFT_PPM_MAX + 1))
+            station = Station(self, name, mounting, NodeClock(epoch_ns, drift_ppm))
+            stations[name] = station
+            self.wire.attach(station)
+            station.start(number * PHASE_STEP_NS + int(clock_rng.integers(PHASE_STEP_NS)))
+        return stations
+
+    @property
+    def now_ns(self) -> int:
+        """True time."""
+        return self.kernel.now_ns
+
+    def run_until(self, true_ns: int) -> None:
+        """Lets the world go on to a true time; the past is no error, nothing happens."""
+        self.kernel.run_until(true_ns)
+        self.car.advance(self.kernel.now_ns)
+
+    def run_for(self, span_s: float) -> None:
+        """Lets the world go on for a while."""
+        self.run_until(self.now_ns + round(span_s * 1e9))
+
+    def submit(self, inputs: PlannerInputs) -> None:
+        """Hands the planner's wish to the gateway, which steps at once; a dead one does not."""
+        gateway = self.stations["Gateway"]
+        if gateway.is_alive:
+            gateway.step(self.now_ns, inputs)
+
+    def inject(self, frame: Frame, sender: str = "stranger") -> None:
+        """Somebody else's frame on the wire."""
+        self.wire.send(self.now_ns, sender, [frame])
+
+    def take_events(self, true_ns: int, events: list[Event]) -> None:
+        """Keeps what a node reports, with the true time."""
+        self.events.extend((true_ns, event) for event in events)
+
+    def delay_ns(self, name: str) -> int:
+        """How late the node's next cycle begins: its operating system's doing."""
+        return self.delays_ns.get(name, 0)
