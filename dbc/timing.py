@@ -30,5 +30,6 @@ def decision_age_limit_ms(planner_period_ms: float) -> int:
 
 def planner_period_ms_max(command_timeout_s: float) -> float:
     """The slowest planner whose limit stays within a vehicle's command time-out."""
-    spare_ms = command_timeout_s * 1e3 - COMMAND_CYCLES * COMMAND_CYCLE_MS - DECISION_MARGIN_MS
+    timeout_ms = round(command_timeout_s * 1e3) // AGE_RESOLUTION_MS * AGE_RESOLUTION_MS
+    spare_ms = timeout_ms - COMMAND_CYCLES * COMMAND_CYCLE_MS - DECISION_MARGIN_MS
     return spare_ms / DECISION_PERIODS

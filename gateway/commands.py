@@ -8,6 +8,7 @@ from numbers import Real
 
 from canbus.node import PERIOD_NS
 from dbc.endpoint import SPEC_OF_NAME
+from dbc.timing import decision_age_limit_ms, planner_period_ms_max
 from vehicles.vehicle import Vehicle
 
 NS_PER_S = 1_000_000_000
@@ -16,18 +17,7 @@ NS_PER_MS = 1_000_000
 PLANNER_PERIOD_NS_MIN = PERIOD_NS
 """No node acts on decisions that come faster than its own cycle."""
 
-PLANNER_PERIODS_MAX = 1.5
-"""A planner may be late by half its period (design, time budget)."""
-
 COMMAND_PERIOD_NS = SPEC_OF_NAME["STEER_COMMAND"].cycle_ns
-COMMAND_FRAMES_SPARE = 2
-"""One lost command frame must not trip the limit; the second one brings the decision."""
-
-CYCLES_SLACK_NS = 15_000_000
-"""The receiver's cycle of 10 ms and half a cycle of jitter."""
-
-assert COMMAND_FRAMES_SPARE >= 2  # one lost frame, and the one that follows it
-assert CYCLES_SLACK_NS >= PERIOD_NS + PERIOD_NS // 2
 assert COMMAND_PERIOD_NS == 2 * PERIOD_NS
 
 
@@ -37,18 +27,12 @@ class CommandError(ValueError):
 
 def decision_age_ns_max(planner_period_ns: int) -> int:
     """Age at which a planner that promised this period counts as silent (design, time budget)."""
-    late_ns = round(planner_period_ns * PLANNER_PERIODS_MAX)
-    return late_ns + COMMAND_FRAMES_SPARE * COMMAND_PERIOD_NS + CYCLES_SLACK_NS
-
-
-assert decision_age_ns_max(20 * NS_PER_MS) == 85 * NS_PER_MS  # the design's worked example
+    return decision_age_limit_ms(planner_period_ns / NS_PER_MS) * NS_PER_MS
 
 
 def planner_period_ns_max(vehicle: Vehicle) -> int:
     """Longest period, in whole ms, whose decision-age limit the vehicle's time-out allows."""
-    timeout_ns = round(vehicle.times.command_timeout_s * NS_PER_S)
-    rest_ns = timeout_ns - decision_age_ns_max(0)
-    return int(rest_ns / PLANNER_PERIODS_MAX) // NS_PER_MS * NS_PER_MS
+    return int(planner_period_ms_max(vehicle.times.command_timeout_s)) * NS_PER_MS
 
 
 def checked_period_ns(vehicle: Vehicle, planner_period_s: object) -> int:
