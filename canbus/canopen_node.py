@@ -247,6 +247,7 @@ class CanopenNode:
 
     Attributes:
         acceptance: identifiers the node wants; any other frame given to it is ignored.
+        state: INITIALISING until the first step, then what the NMT master made of it.
         writable: whether clients may write at all; False at start. The owner sets it every step.
         bad_frames: NMT and SDO frames of wrong kind or length or with an unknown NMT command.
 
@@ -274,6 +275,7 @@ class CanopenNode:
         self.acceptance = frozenset({cia301.NMT_ID, cia301.SDO_REQUEST_ID + node_id})
         self.writable = False
         self.bad_frames = 0
+        self.state = NmtState.INITIALISING
         self._values: dict[str, float] = {}
         self._network = _Network()
         self._device = _Device(node_id, dictionary, self._check_write, self._obey)
@@ -296,11 +298,6 @@ class CanopenNode:
         self._due_ns = schedule.AT_ONCE_NS
 
     @property
-    def state(self) -> NmtState:
-        """INITIALISING until the first step, then what the NMT master made of it."""
-        return self._device.slave.number
-
-    @property
     def parameters(self) -> Mapping[str, float]:
         """The parameters in force, in SI, rounded to their Factor (a live, read-only view)."""
         return MappingProxyType(self._values)
@@ -312,6 +309,8 @@ class CanopenNode:
 
     def poll_events(self) -> list[CanopenEvent]:
         """What happened since the last call, each event once, oldest first. Ask every step."""
+        if not self._events:
+            return []
         events, self._events = self._events, []
         return events
 
@@ -343,9 +342,11 @@ class CanopenNode:
         network.now_ns = now_ns
         if self.state is NmtState.INITIALISING:
             self._device.slave.boot()
+            self.state = self._device.slave.number
         for frame in received:
             if frame.can_id in self.acceptance:
                 self._take(frame)
+                self.state = self._device.slave.number
         frames_due, next_ns = network.cyclic.take_due(now_ns)
         network.outbox += frames_due
         self._due_ns = min(next_ns, self._send_emergency())

@@ -66,6 +66,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
     ) -> None:
         self.name = node
         self._prefix = prefix
+        self._status_name = f"{prefix}_STATUS"
+        self._driver_name = f"{prefix}_DRIVER"
         self._command_id = SPEC_OF_NAME[f"{prefix}_COMMAND"].can_id
         self._authorisation = authorisation
         emergency = [s.name for s in SPEC_OF_NAME.values() if s.can_id in STOPPING_IDS]
@@ -83,7 +85,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._epoch: int | None = None
         self._brake_wish: Cause | None = None
         self._supervisor: SupervisorState | None = None
-        self._driver_sent: tuple[Any, int] | None = None
+        self._driver_flags: tuple[Any, ...] | None = None
+        self._driver_due_ns = 0
 
     # What the subclass gives -----------------------------------------------------------------
 
@@ -242,10 +245,10 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             frames.append(self._emergency_frame(now_ns, self._brake_wish))
         if not self.shell.is_operational:
             return frames
-        frames.append(self.endpoint.frame(f"{self._prefix}_STATUS", self._status()))
-        driver = self._driver(self._driver_flags(now_ns))
-        if self._is_driver_due(now_ns, driver):
-            frames.append(self.endpoint.frame(f"{self._prefix}_DRIVER", driver))
+        frames.append(self.endpoint.frame(self._status_name, self._status()))
+        flags = self._due_driver_flags(now_ns)
+        if flags is not None:
+            frames.append(self.endpoint.frame(self._driver_name, self._driver(flags)))
         return frames
 
     def _withdraw_when_heard(self) -> None:
@@ -266,23 +269,19 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             ),
         )
 
-    def _driver_flags(self, now_ns: int) -> dict[str, Any]:
+    def _due_driver_flags(self, now_ns: int) -> dict[str, Any] | None:
+        """Common signals of the driver message if it is due: every cycle time, and at once when
+        anything but the analogue value has changed; else None."""
         codes = self.shell.codes
+        reported, present = codes.reported(now_ns), codes.present(now_ns)
+        flags = (self.is_driver_active, self.state, reported, present)
+        if flags == self._driver_flags and now_ns < self._driver_due_ns:
+            return None
+        self._driver_flags = flags
+        self._driver_due_ns = now_ns + SPEC_OF_NAME[self._driver_name].cycle_ns - NS_PER_MS
         return {
             "driver_active": self.is_driver_active,
             "node_state": self.state,
-            "present_codes": code_bits(codes.present(now_ns)),
-            **code_flags(codes.reported(now_ns)),
+            "present_codes": code_bits(present),
+            **code_flags(reported),
         }
-
-    def _is_driver_due(self, now_ns: int, driver: Any) -> bool:
-        """Every cycle time, and at once when anything but the analogue value has changed."""
-        flags = (driver.driver_active, driver.node_state, driver.present_codes, self.shell.codes
-                 .reported(now_ns))
-        spec = SPEC_OF_NAME[f"{self._prefix}_DRIVER"]
-        if self._driver_sent is not None:
-            sent_flags, sent_ns = self._driver_sent
-            if flags == sent_flags and now_ns - sent_ns < spec.cycle_ns - NS_PER_MS:
-                return False
-        self._driver_sent = (flags, now_ns)
-        return True

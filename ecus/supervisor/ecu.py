@@ -113,8 +113,8 @@ class SupervisorEcu:
         self._take_request(messages)
         faults = self._faults(now_ns, messages)
         situation = self._situation(now_ns, sensors)
-        events = self._events(now_ns, sensors, situation, faults)
-        frames += self._change_mode(now_ns, min(events, key=_PRIORITY.__getitem__), faults)
+        event = self._event(now_ns, sensors, situation, faults)
+        frames += self._change_mode(now_ns, event, faults)
         shell.report(latch=self.mode in DRIVING_MODES or self.mode is Mode.EMERGENCY)
         self.inhibit = inhibit(replace(situation, mode=self.mode))
         shell.apply_mode(self.mode)
@@ -209,13 +209,14 @@ class SupervisorEcu:
 
     # What follows from it --------------------------------------------------------------------
 
-    def _events(
+    def _event(
         self,
         now_ns: int,
         sensors: SupervisorSensors,
         situation: Situation,
         faults: list[Cause],
-    ) -> set[ModeEvent]:
+    ) -> ModeEvent:
+        """The readings as one event, highest priority first."""
         pending = self._requests.pending(now_ns)
         is_pushed = self._button.pushed(sensors.button_pressed, now_ns)
         may_reset = self.mode in (Mode.MANUAL, Mode.EMERGENCY)
@@ -226,29 +227,35 @@ class SupervisorEcu:
         all_seen = all(situation.alive[name] for name in situation.node_states) and (
             len(situation.node_states) == len(_AXES) and NodeState.ACTIVE not in states
         )
-        rules = {
-            ModeEvent.ADOPT: bool(states & SAFE_STATES) and self.mode is Mode.INIT,
-            ModeEvent.EMERGENCY_STOP: situation.is_emergency_stop_pressed,
-            ModeEvent.FAULT: bool(faults),
-            ModeEvent.DRIVER: situation.is_driver_active and heeds_driver,
-            ModeEvent.RESET: is_reset
-            and may_reset
-            and reset_inhibit(situation) is Inhibit.NONE,
-            ModeEvent.BUTTON: is_pushed,
-            ModeEvent.DISENGAGE: pending is Request.DISENGAGE,
-            ModeEvent.STANDSTILL: situation.is_standing and self.mode is Mode.STOPPING,
-            ModeEvent.ENGAGE: pending is Request.ENGAGE
-            and engage_inhibit(situation) is Inhibit.NOT_REQUESTED,
-            ModeEvent.TIMEOUT: self.mode is Mode.READY and now_ns - self._mode_since_ns > ready_ns,
-            ModeEvent.NODES_SEEN: all_seen,
-            ModeEvent.NOTHING: True,
-        }
+        rules = (
+            (states & SAFE_STATES and self.mode is Mode.INIT, ModeEvent.ADOPT),
+            (situation.is_emergency_stop_pressed, ModeEvent.EMERGENCY_STOP),
+            (faults, ModeEvent.FAULT),
+            (situation.is_driver_active and heeds_driver, ModeEvent.DRIVER),
+            (
+                is_reset and may_reset and reset_inhibit(situation) is Inhibit.NONE,
+                ModeEvent.RESET,
+            ),
+            (is_pushed, ModeEvent.BUTTON),
+            (pending is Request.DISENGAGE, ModeEvent.DISENGAGE),
+            (situation.is_standing and self.mode is Mode.STOPPING, ModeEvent.STANDSTILL),
+            (
+                pending is Request.ENGAGE
+                and engage_inhibit(situation) is Inhibit.NOT_REQUESTED,
+                ModeEvent.ENGAGE,
+            ),
+            (
+                self.mode is Mode.READY and now_ns - self._mode_since_ns > ready_ns,
+                ModeEvent.TIMEOUT,
+            ),
+            (all_seen, ModeEvent.NODES_SEEN),
+        )
         if situation.is_emergency_stop_pressed:
             reason = Reason.EMERGENCY_STOP_INPUT
             if not sensors.emergency_stop_pressed:
                 reason = Reason.FAILSAFE_FRAME
             self.shell.add_cause(ErrorCode.ER1, reason)
-        return {event for event, holds in rules.items() if holds}
+        return next((event for holds, event in rules if holds), ModeEvent.NOTHING)
 
     def _change_mode(
         self, now_ns: int, event: ModeEvent, faults: list[Cause]
@@ -319,5 +326,4 @@ class SupervisorEcu:
 
 
 _AXES = ("steering", "throttle", "brake")
-_PRIORITY = {event: number for number, event in enumerate(ModeEvent)}
 assert SPEC_OF_NAME["SUPERVISOR_STATE"].cycle_ns == 10_000_000

@@ -1,0 +1,263 @@
+"""One node in wall time: waits for frames, steps at absolute deadlines, sends and acts.
+
+The same loop runs as a thread (all nodes in one process on python-can's `virtual` bus) and as the
+main of a process (SocketCAN). It neither polls nor catches up.
+"""
+
+from __future__ import annotations
+
+import gc
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from canbus.bus import Bus
+from canbus.frame import ReceivedFrame
+from canbus.node import PERIOD_NS, Event, EventKind, Node
+from canbus.python_can_bus import PythonCanBus
+from runtime.clock import NS_PER_MS, NS_PER_S, Clock, monotonic_ns
+from runtime.errors import LaunchError
+from runtime.harness import ActuatorPort, HarnessPort
+from runtime.nodes import build_node, build_wires, node_entry
+from runtime.pacing import Pacer
+from runtime.priority import prefer_realtime
+from runtime.stopping import StopRequest
+from vehicles import VehicleError, load_vehicle
+
+REPORT_INTERVAL_NS = NS_PER_S
+"""Overruns and refused frames are all counted, but told at most once in this time."""
+
+Report = Callable[[Event], None]
+"""Where events go. Called from the node's own thread."""
+
+AnyNode = Node[Any, Any]
+AnyPort = ActuatorPort[Any, Any]
+
+
+class StopFlag(Protocol):
+    """`threading.Event`, or anything that can say whether it is time to end."""
+
+    def is_set(self) -> bool:
+        """Whether to end."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeResult:
+    """How a node's run ended.
+
+    Attributes:
+        node: its DBC name.
+        failure: why it ended by itself, in one line; None when it was told to end.
+        steps: cycles done.
+        overruns: cycles that were not over when the next one was due.
+        skipped: cycles left out.
+        lag_ns_max: how late the latest of all cycles began.
+        tx_failures: frames the driver refused.
+    """
+
+    node: str
+    failure: str | None
+    steps: int
+    overruns: int
+    skipped: int
+    lag_ns_max: int
+    tx_failures: int
+
+    @property
+    def exit_code(self) -> int:
+        """0 when the node was told to end, 1 when it failed."""
+        return 0 if self.failure is None else 1
+
+
+def one_line(error: BaseException) -> str:
+    """An exception as one line, with the place it came from."""
+    text = " ".join(str(error).split())
+    place = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(frame.filename).name}:{frame.lineno})" for frame in place)
+    return f"{type(error).__name__}: {text}{where}" if text else f"{type(error).__name__}{where}"
+
+
+class _Watch:
+    """Tells about overruns and refused frames, without flooding the log."""
+
+    def __init__(self, node: str, report: Report) -> None:
+        self._node = node
+        self._report = report
+        self._told_ns: int | None = None
+        self._told = (0, 0)
+
+    def check(self, now_ns: int, pacer: Pacer, tx_failures: int) -> None:
+        """Reports what has come up since the last report, if it is time to."""
+        counts = (pacer.overruns + pacer.skipped, tx_failures)
+        if counts == self._told:
+            return
+        if self._told_ns is not None and now_ns - self._told_ns < REPORT_INTERVAL_NS:
+            return
+        if counts[0] > self._told[0]:
+            text = (
+                f"{pacer.overruns} overruns and {pacer.skipped} skipped cycles so far, "
+                f"latest by {pacer.lag_ns / NS_PER_MS:.1f} ms, "
+                f"at worst {pacer.lag_ns_max / NS_PER_MS:.1f} ms"
+            )
+            self._tell(now_ns, EventKind.OVERRUN, text)
+        if counts[1] > self._told[1]:
+            text = f"{tx_failures} frames not sent so far: the bus refused them"
+            self._tell(now_ns, EventKind.FRAME, text)
+        self._told, self._told_ns = counts, now_ns
+
+    def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:
+        self._report(Event(time_ns=now_ns, node=self._node, kind=kind, text=text))
+
+
+class _NodeLoop:
+    """The state of one run."""
+
+    def __init__(
+        self, node: AnyNode, bus: Bus, port: AnyPort, clock: Clock, report: Report, pacer: Pacer
+    ) -> None:
+        self.node = node
+        self.bus = bus
+        self.port = port
+        self.clock = clock
+        self.report = report
+        self.pacer = pacer
+        self.tx_failures = 0
+        self._received: list[ReceivedFrame] = []
+        self._watch = _Watch(node.name, report)
+
+    def run(self, stop: StopFlag) -> None:
+        """Cycles until told to stop; an exception from node or port ends it."""
+        while not stop.is_set():
+            wait_ns = self.pacer.wait_ns(self.clock())
+            if wait_ns > 0:
+                self._received += self.bus.receive(wait_ns)
+                self.port.poll()
+                continue
+            self._received += self.bus.receive(0)  # a late cycle still sees all there is
+            self.port.poll()
+            received, self._received = self._received, []
+            self._cycle(received, stop)
+
+    def _cycle(self, received: Sequence[ReceivedFrame], stop: StopFlag) -> None:
+        now_ns = self.clock()
+        self.pacer.begin(now_ns)
+        output = self.node.step(now_ns, received, self.port.sensors(now_ns))
+        if stop.is_set():
+            return  # told to end while it was at work: nothing leaves late
+        self.port.actuate(now_ns, output.actuator)
+        for frame in output.frames:
+            self.tx_failures += not self.bus.send(frame)
+        for event in output.events:
+            self.report(event)
+        end_ns = self.clock()
+        self.pacer.end(end_ns)
+        self._watch.check(end_ns, self.pacer, self.tx_failures)
+
+
+def run_node(
+    node: AnyNode,
+    bus: Bus,
+    port: AnyPort,
+    clock: Clock,
+    stop: StopFlag,
+    report: Report,
+    *,
+    phase_ns: int = 0,
+) -> NodeResult:
+    """Runs a node until `stop` is set or it fails; its hardware's watchdogs do the rest.
+
+    Args:
+        node: the node; stepped every 10 ms with all frames since the last step.
+        bus: the vehicle bus, open.
+        port: the node's hardware, open.
+        clock: the bus's clock.
+        stop: looked at before every wait, so it acts within a cycle.
+        report: gets the node's events, and the runtime's own about it.
+        phase_ns: where the node's deadlines lie within the period.
+
+    Returns:
+        How it ended. An exception from node or port is reported by name and is in `failure`; it
+        is not raised, so that it ends this node alone.
+    """
+    pacer = Pacer(start_ns=clock(), period_ns=PERIOD_NS, phase_ns=phase_ns)
+    loop = _NodeLoop(node, bus, port, clock, report, pacer)
+    failure = None
+    try:
+        loop.run(stop)
+    except Exception as error:  # whatever it is: this node ends, the others go on
+        failure = one_line(error)
+        text = f"{node.name} ends: {failure}"
+        report(Event(time_ns=clock(), node=node.name, kind=EventKind.STATE, text=text))
+    return NodeResult(
+        node=node.name,
+        failure=failure,
+        steps=pacer.cycles,
+        overruns=pacer.overruns,
+        skipped=pacer.skipped,
+        lag_ns_max=pacer.lag_ns_max,
+        tx_failures=loop.tx_failures,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessSettings:
+    """What a node's process needs to know; the options of `dbw ecu`.
+
+    Attributes:
+        name: a key of `runtime.nodes.NODES`, or "plant".
+        vehicle: name of a shipped vehicle, or a path ending in .toml.
+        interface: python-can's name of the interface.
+        channel: the vehicle bus.
+        harness_channel: the bus that stands for the wires.
+        harness_interface: its interface; None: as the vehicle bus.
+        bitrate_bps: for interfaces that set it themselves; None leaves it.
+    """
+
+    name: str
+    vehicle: str
+    interface: str
+    channel: str
+    harness_channel: str
+    harness_interface: str | None = None
+    bitrate_bps: int | None = None
+
+
+def run_node_process(settings: ProcessSettings, report: Report) -> NodeResult:
+    """The main of `dbw ecu NAME`: opens both buses and runs one node until SIGTERM or SIGINT.
+
+    Raises:
+        LaunchError: the name or the vehicle is unknown.
+        BusError: a bus cannot be opened.
+    """
+    entry = node_entry(settings.name)
+    try:
+        vehicle = load_vehicle(settings.vehicle)
+    except VehicleError as error:
+        raise LaunchError(str(error)) from error
+    node = build_node(settings.name, vehicle)
+    wires = build_wires(settings.name)
+    bus = PythonCanBus(
+        settings.interface,
+        settings.channel,
+        clock=monotonic_ns,
+        bitrate=settings.bitrate_bps,
+        acceptance=node.acceptance,
+    )
+    harness = PythonCanBus(
+        settings.harness_interface or settings.interface,
+        settings.harness_channel,
+        clock=monotonic_ns,
+        acceptance=wires.acceptance,
+    )
+    with StopRequest() as stop, bus, harness:
+        gc.collect()
+        gc.freeze()  # what is loaded stays: the collector's pauses shrink to the cycle's own
+        if not prefer_realtime():
+            text = "no real-time priority (CAP_SYS_NICE): other programs may delay this node"
+            now_ns = monotonic_ns()
+            report(Event(time_ns=now_ns, node=node.name, kind=EventKind.STATE, text=text))
+        port = HarnessPort(wires, harness)
+        return run_node(node, bus, port, monotonic_ns, stop, report, phase_ns=entry.phase_ns)
