@@ -1,1 +1,1 @@
-
+"""The command line `dbw`: the only place that prints."""

@@ -1,1 +1,1 @@
-
+"""What a drive leaves behind: the bus log, the samples, the report and the pictures."""

@@ -244,7 +244,7 @@ def _parse_section(table: object, kind: type[SectionT], where: str) -> SectionT:
     values: dict[str, Any] = {}
     for name, spec in wanted.items():
         entry = table.get(name)
-        if not isinstance(entry, dict) or not entry.keys() >= {"value", "source"}:
+        if not isinstance(entry, dict) or entry.keys() != {"value", "source"}:
             raise VehicleError(
                 f"{where}.{name} is missing: wanted {{ value = ..., source = \"...\" }}"
             )
@@ -261,7 +261,7 @@ def _parse_value(value: object, metadata: dict[str, float], where: str) -> float
         return DriverPolicy(str(value))
     low, high = metadata["low"], metadata["high"]
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not low <= float(value) <= high:  # type: ignore[arg-type]
+    if not is_number or not low <= value <= high:  # type: ignore[operator]
         raise VehicleError(f"{where} = {value!r}: allowed {low:g} to {high:g}")
     return float(value)  # type: ignore[arg-type]
 

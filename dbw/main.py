@@ -1,0 +1,130 @@
+"""Entry of the command line: the group, its help, and how errors reach the user."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+import click
+
+from dbw.failures import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USER,
+    complain,
+    is_user_mistake,
+)
+
+DISTRIBUTION = "can-by-wire"
+
+COMMANDS = {
+    "demo": ("dbw.demo", "Drive a road with the reference planner and draw what happened."),
+    "up": ("dbw.stack", "Start all nodes and the car, each in a process of its own."),
+    "ecu": ("dbw.stack", "Run a single node until Ctrl-C."),
+    "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
+    "status": ("dbw.stack", "Tell what is up and what the bus says."),
+}
+"""Command to its module, imported when it is used, and its line in the overview."""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module when the command is wanted, and not for `--help`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names, in the order in which a newcomer needs them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command, its module imported now; None for an unknown name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = getattr(importlib.import_module(COMMANDS[cmd_name][0]), cmd_name)
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but an unknown command's error names the known ones."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            raise click.UsageError(f"no command {args[0]!r}: allowed {', '.join(COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The overview, without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+def _version() -> str:
+    try:
+        return version(DISTRIBUTION)
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _print_version(ctx: click.Context, parameter: click.Parameter, is_wanted: bool) -> None:
+    if is_wanted and not ctx.resilient_parsing:
+        click.echo(f"dbw {_version()}")
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyGroup,
+    no_args_is_help=False,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version and exit.",
+)
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Drive-by-wire on CAN: a stack of ECUs, a car to try it on, a planner to drive it.
+
+    Exit codes: 0 done, 1 the drive or the stack failed, 2 a mistake in what was asked for,
+    130 interrupted.
+
+    \b
+    Example:
+      dbw demo
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Args:
+        arguments: Without the program's name; None for those of this process.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        given = sys.argv[1:] if arguments is None else list(arguments)
+        result = cli.main(given, prog_name="dbw", standalone_mode=False)
+    except click.ClickException as error:
+        complain(error.format_message())
+        return EXIT_USER
+    except (KeyboardInterrupt, click.Abort):
+        sys.stderr.write("dbw: interrupted\n")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()  # `dbw status | head`: nobody reads any more
+        return EXIT_FAILED
+    except Exception as error:
+        if not is_user_mistake(error):
+            raise
+        complain(error)
+        return EXIT_USER
+    return result if isinstance(result, int) else EXIT_OK

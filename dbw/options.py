@@ -1,0 +1,102 @@
+"""Options that several commands share, with messages that name what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from dbw.failures import UserMistake
+
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
+
+
+class WholeNumber(click.ParamType[int]):
+    """A whole number within a range; says so when it is none."""
+
+    name = "integer"
+
+    def __init__(self, low: int, high: int) -> None:
+        self._low = low
+        self._high = high
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The number; fails as click does, with the range."""
+        try:
+            number = int(value)
+        except ValueError:
+            number = self._low - 1
+        if not self._low <= number <= self._high:
+            self.fail(f"{value!r}: a whole number from {self._low} to {self._high} is wanted")
+        return number
+
+
+class BusName(click.ParamType[str]):
+    """A channel's name: no blanks, since log files and state files carry it."""
+
+    name = "name"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name; fails as click does."""
+        text = str(value)
+        if not text or not text.isprintable() or " " in text:
+            self.fail(f"{text!r}: a name without blanks is wanted")
+        return text
+
+
+def bus_options(command: CommandT) -> CommandT:
+    """`--channel` and `--harness-channel`."""
+    command = click.option(
+        "--harness-channel",
+        type=BusName(),
+        default="vcan1",
+        show_default=True,
+        help="Bus that stands for the wires between plant and nodes.",
+    )(command)
+    return channel_option(command)
+
+
+def channel_option(command: CommandT) -> CommandT:
+    """`--channel`."""
+    return click.option(
+        "--channel",
+        type=BusName(),
+        default="vcan0",
+        show_default=True,
+        help="The vehicle bus.",
+    )(command)
+
+
+def interface_option(command: CommandT) -> CommandT:
+    """`--interface` of any kind that several processes can open."""
+    return click.option(
+        "--interface",
+        type=BusName(),
+        default="socketcan",
+        show_default=True,
+        help="python-can's name of the interface.",
+    )(command)
+
+
+def vehicle_option(command: CommandT) -> CommandT:
+    """`--vehicle`."""
+    return click.option(
+        "--vehicle",
+        default="tabby_evo",
+        show_default=True,
+        metavar="NAME|FILE.toml",
+        help="What the nodes believe about the car.",
+    )(command)
+
+
+def check_two_buses(channel: str, harness_channel: str) -> None:
+    """The wires' frames must never be on the vehicle bus.
+
+    Raises:
+        UserMistake: Both are one bus.
+    """
+    if channel == harness_channel:
+        raise UserMistake(
+            f"--channel and --harness-channel are both {channel}: two buses are wanted"
+        )
