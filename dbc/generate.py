@@ -85,6 +85,7 @@ class _Field:
         self.is_discrete = self.type in ("bool", self.enum)
         half = 1 << (signal.length - 1)
         raw_low, raw_high = (-half, half - 1) if signal.is_signed else (0, self.mask)
+        raw_low, raw_high = raw_low + (self.na == raw_low), raw_high - (self.na == raw_high)
         self.every_raw_is_valid = (
             self.low <= raw_low * signal.scale and raw_high * signal.scale <= self.high
         )
@@ -122,14 +123,17 @@ class _Field:
 
     def _scale_lines(self) -> Iterator[str]:
         name, indent = self.name, ""
+        scale = f" * {self.signal.scale}" if self.signal.scale != 1 else ""
+        to_float = " * 1.0" if self.type == "float" and not scale else ""
+        if self.na is not None and self.every_raw_is_valid and not self.signal.is_signed:
+            yield f"{name} = NAN if r == 0x{self.na:X} else r{scale}{to_float}"
+            return
         if self.na is not None:
             yield f"if r == 0x{self.na & self.mask:X}:\n    {name} = NAN\nelse:"
             indent = "    "
         if self.signal.is_signed:
             half = 1 << (self.signal.length - 1)
             yield f"{indent}if r & 0x{half:X}:\n{indent}    r -= 0x{self.mask + 1:X}"
-        scale = f" * {self.signal.scale}" if self.signal.scale != 1 else ""
-        to_float = " * 1.0" if self.type == "float" and not scale else ""
         yield f"{indent}{name} = r{scale}{to_float}"
         if not self.every_raw_is_valid:
             yield f"{indent}if not {self.low} <= {name} <= {self.high}:"

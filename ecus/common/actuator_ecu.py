@@ -41,6 +41,13 @@ COMMAND_COMING_NS = 50_000_000
 """Younger command frames show that the gateway lives: one of 20 ms may be lost."""
 NEVER_NS = 1 << 62
 
+CONTESTED_NS = 100_000_000
+"""A SUPERVISOR_STATE frame out of sequence may mean two senders of it. For this long no MANUAL
+ends a safe state, and the supervisor's EMERGENCY_BRAKE is believed whatever the mode seems to be:
+it always gets through, as it needs no sequence."""
+SUPERVISOR_STATE_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+SUPERVISOR_BRAKE_ID = SPEC_OF_NAME["SUPERVISOR_EMERGENCY_BRAKE"].can_id
+
 SensorsT = TypeVar("SensorsT")
 ActuatorT = TypeVar("ActuatorT")
 
@@ -85,6 +92,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._epoch: int | None = None
         self._brake_wish: Cause | None = None
         self._supervisor: SupervisorState | None = None
+        self._contested_until_ns = -NEVER_NS
         self._driver_flags: tuple[Any, ...] | None = None
         self._driver_due_ns = 0
 
@@ -124,7 +132,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         shell = self.shell
         messages = shell.begin(now_ns, received)
         self._take_parameters()
-        self._hear_supervisor()
+        self._hear_supervisor(now_ns)
         is_driver = self._sense(now_ns, sensors)
         self.is_driver_active = self._debounce.update(is_driver, now_ns)
         if self.state is NodeState.ACTIVE:
@@ -141,7 +149,9 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         if self.shell.written:
             self._apply_parameters({event.name: event.value for event in self.shell.written})
 
-    def _hear_supervisor(self) -> None:
+    def _hear_supervisor(self, now_ns: int) -> None:
+        if any(bad.frame.can_id == SUPERVISOR_STATE_ID for bad in self.endpoint.bad):
+            self._contested_until_ns = now_ns + CONTESTED_NS
         state = self.endpoint.get("SUPERVISOR_STATE", SupervisorState)
         if state is None:
             return
@@ -166,7 +176,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             self.shell.add_cause(ErrorCode.ER2, Reason.SUPERVISOR_SILENT)
         if self._supervisor.mode is not Mode.AUTOMATIC:
             return  # a controlled stop needs no planner
-        # A decision from before this drive is not used, nor held against the planner.
+        # An old decision from before this drive is not obeyed (`_valid_command`), nor held
+        # against the planner: he has the limit's time to decide, counted from the beginning.
         age_ns = min(now_ns - self._active_since_ns, self._decision_age_ns(now_ns))
         if age_ns > self._decision_limit_ns():
             frame_age_ns = self.endpoint.age_ns(f"{self._prefix}_COMMAND", now_ns)
@@ -200,10 +211,14 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         if supervisor is None:
             return NodeEvent.NOTHING
         is_fresh = self.endpoint.is_fresh("SUPERVISOR_STATE", now_ns)
-        if supervisor.mode is Mode.MANUAL and is_fresh:
+        is_manual = supervisor.mode is Mode.MANUAL and is_fresh
+        is_contested = now_ns < self._contested_until_ns
+        if is_manual and not is_contested:
             return NodeEvent.MANUAL
-        if self._is_emergency(supervisor, messages):
+        if self._is_emergency(supervisor, messages, is_contested):
             return NodeEvent.EMERGENCY
+        if is_manual and self.state not in SAFE_STATES:
+            return NodeEvent.MANUAL
         if any(cause.code not in NOT_BRAKING_CODES for cause in self.shell.causes):
             return NodeEvent.OWN_CAUSE
         if not is_fresh:
@@ -214,11 +229,13 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         is_ready = self._is_armed and self.shell.is_operational
         return NodeEvent.AUTHORISED if is_ready else NodeEvent.NOTHING
 
-    def _is_emergency(self, supervisor: SupervisorState, messages: Sequence[Message]) -> bool:
+    def _is_emergency(
+        self, supervisor: SupervisorState, messages: Sequence[Message], is_contested: bool
+    ) -> bool:
         if supervisor.mode is Mode.EMERGENCY:
             return True
-        if self.state is not NodeState.ACTIVE:
-            return False  # nothing of ours moves; the supervisor decides
+        if self.state is not NodeState.ACTIVE:  # nothing of ours moves; the supervisor decides
+            return is_contested and any(m.can_id == SUPERVISOR_BRAKE_ID for m in messages)
         return any(m.can_id in STOPPING_IDS or m.can_id == FAILSAFE_ID for m in messages)
 
     def _change_state(self, now_ns: int, event: NodeEvent) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
+    BrakeStatus,
     ErrorCode,
     Reason,
     SteerDriver,
@@ -27,6 +28,8 @@ from vehicles import Vehicle
 HOLD_SPEED_MPS_MIN = 0.5
 """Below this the wheel is let go in a safe state (design, safe alone)."""
 
+_SPEED_SOURCES = ("THROTTLE_STATUS", "BRAKE_STATUS")
+
 TORQUE_NM_MAX = 40.0
 """What STEER_DRIVER can carry."""
 
@@ -44,7 +47,7 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             eds="steering",
             prefix="STEER",
             authorisation="steering_authorised",
-            also_subscribed=("THROTTLE_STATUS",),
+            also_subscribed=_SPEED_SOURCES,
             parameters={name: getattr(self.params, name) for name in EXPOSED},
         )
         self.loop = SteeringLoop()
@@ -128,11 +131,17 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             self._hold_rad = None
 
     def _is_slow(self, now_ns: int) -> bool:
-        """Below 0.5 m/s for certain; an unknown speed does not count as slow."""
-        status = self.endpoint.get("THROTTLE_STATUS", ThrottleStatus)
-        if status is None or not self.endpoint.is_fresh("THROTTLE_STATUS", now_ns):
+        """Both axles below 0.5 m/s for certain: one may be locked, or its speed unknown."""
+        throttle = self.endpoint.get("THROTTLE_STATUS", ThrottleStatus)
+        brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        is_known = all(self.endpoint.is_fresh(name, now_ns) for name in _SPEED_SOURCES)
+        if throttle is None or brake is None or not is_known:
             return False
-        return abs(status.wheel_speed_radps) * self.params.wheel_radius_m < HOLD_SPEED_MPS_MIN
+        slow_radps = HOLD_SPEED_MPS_MIN / self.params.wheel_radius_m
+        return (
+            abs(throttle.wheel_speed_radps) < slow_radps
+            and abs(brake.rear_wheel_speed_radps) < slow_radps
+        )
 
     def _status(self) -> SteerStatus:
         is_coasting = self._action is SteerAction.COAST

@@ -56,6 +56,14 @@ STANDSTILL_NS = 300_000_000
 FOREIGN_NS = 1_000_000_000
 """A frame of nobody's, or a FAILSAFE, denies engagement and reset for this long."""
 
+OBEYED_NS = 30_000_000
+"""By then a node has heard the emergency brake and has told its new state."""
+
+RESET_NS = 15_000_000
+"""A reset is asked for this long; by then the gateway has objected to one that is not its own."""
+OBJECTION_NS = 100_000_000
+"""An EMERGENCY_BRAKE of another node speaks against a reset for this long."""
+
 RESET_EPOCHS = 16
 DEFAULT_PLANNER_PERIOD_MS = 20
 
@@ -99,6 +107,9 @@ class SupervisorEcu:
         self._codes: set[ErrorCode] = set()
         self._foreign_until_ns = 0
         self._failsafe_until_ns = 0
+        self._brake_cause: Cause | None = None
+        self._reset_asked = Debounce(RESET_NS)
+        self._objected_until_ns = 0
 
     def step(
         self, now_ns: int, received: Sequence[ReceivedFrame], sensors: SupervisorSensors
@@ -114,7 +125,8 @@ class SupervisorEcu:
         faults = self._faults(now_ns, messages)
         situation = self._situation(now_ns, sensors)
         event = self._event(now_ns, sensors, situation, faults)
-        frames += self._change_mode(now_ns, event, faults)
+        self._change_mode(now_ns, event, faults)
+        frames += self._brake_frames(now_ns)
         shell.report(latch=self.mode in DRIVING_MODES or self.mode is Mode.EMERGENCY)
         self.inhibit = inhibit(replace(situation, mode=self.mode))
         shell.apply_mode(self.mode)
@@ -139,6 +151,8 @@ class SupervisorEcu:
                 self._foreign_until_ns = now_ns + FOREIGN_NS
         if any(message.can_id == FAILSAFE_ID for message in messages):
             self._failsafe_until_ns = now_ns + FOREIGN_NS
+        if any(message.can_id in STOPPING_IDS for message in messages):
+            self._objected_until_ns = now_ns + OBJECTION_NS
 
     def _take_request(self, messages: Sequence[Message]) -> None:
         newest = self._requests.take(messages)
@@ -220,7 +234,11 @@ class SupervisorEcu:
         pending = self._requests.pending(now_ns)
         is_pushed = self._button.pushed(sensors.button_pressed, now_ns)
         may_reset = self.mode in (Mode.MANUAL, Mode.EMERGENCY)
-        is_reset = pending is Request.RESET or (is_pushed and self.mode is Mode.EMERGENCY)
+        is_asked = pending is Request.RESET
+        if self.mode is Mode.EMERGENCY:
+            is_sure = self._reset_asked.update(is_asked, now_ns)
+            is_asked = is_sure and now_ns >= self._objected_until_ns
+        is_reset = is_asked or (is_pushed and self.mode is Mode.EMERGENCY)
         heeds_driver = self.mode is Mode.READY or self.mode in DRIVING_MODES
         ready_ns = round(self.params.ready_timeout_s * NS_PER_S)
         states = set(situation.node_states.values())
@@ -257,9 +275,7 @@ class SupervisorEcu:
             self.shell.add_cause(ErrorCode.ER1, reason)
         return next((event for holds, event in rules if holds), ModeEvent.NOTHING)
 
-    def _change_mode(
-        self, now_ns: int, event: ModeEvent, faults: list[Cause]
-    ) -> list[Frame]:
+    def _change_mode(self, now_ns: int, event: ModeEvent, faults: list[Cause]) -> None:
         before, self.mode = self.mode, MODE_AFTER[self.mode][event]
         if event is ModeEvent.RESET:
             self._reset()
@@ -268,42 +284,53 @@ class SupervisorEcu:
         if self.mode is Mode.EMERGENCY:
             self._codes.update(cause.code for cause in faults)
         if self.mode is before:
-            return []
+            return
         self._mode_since_ns = now_ns
         self.shell.add_event(EventKind.MODE, f"{before.name} -> {self.mode.name}: {event.name}")
+        self._brake_cause = None
         if self.mode is not Mode.EMERGENCY:
-            return []
+            return
         if self._requests.pending(now_ns) is Request.EMERGENCY_STOP:
             self._requests.done()
-        return self._enter_emergency(now_ns, event, faults)
+        self._enter_emergency(event, faults)
 
     def _reset(self) -> None:
         self.reset_epoch = (self.reset_epoch + 1) % RESET_EPOCHS
         self._codes.clear()
         self.shell.reset_codes()
 
-    def _enter_emergency(
-        self, now_ns: int, event: ModeEvent, faults: list[Cause]
-    ) -> list[Frame]:
-        """Latches the codes and tells everybody, at once, what came first."""
+    def _enter_emergency(self, event: ModeEvent, faults: list[Cause]) -> None:
+        """Latches the codes and keeps what came first."""
         if event is ModeEvent.ADOPT:
             self.shell.add_cause(ErrorCode.ER1, Reason.ADOPTED)
         causes = faults + self.shell.causes
-        first = next(cause for cause in causes if cause.code is not ErrorCode.ER0)
+        # A stranger's EMERGENCY_BRAKE may tell any code; it brakes all the same.
+        self._brake_cause = min(causes, key=lambda cause: cause.code is ErrorCode.ER0)
         for cause in faults:
             text = f"emergency brake: {cause.code.name} {cause.reason.name}"
             self.shell.add_event(EventKind.CODE, text)
         if not any(cause.code is ErrorCode.ER1 for cause in self.shell.causes):
             self.shell.add_cause(ErrorCode.ER1, Reason.BRAKING_IN_PROGRESS)
+
+    # What is sent ----------------------------------------------------------------------------
+
+    def _brake_frames(self, now_ns: int) -> list[Frame]:
+        """EMERGENCY_BRAKE: at once, and again while an actuator node that is heard does not obey."""
+        cause = self._brake_cause
+        if cause is None:
+            return []
+        since_ns = now_ns - self._mode_since_ns
+        states = [state for name, state in self.nodes.states.items() if self.nodes.alive[name]]
+        obeys = since_ns <= OBEYED_NS or all(state in SAFE_STATES for state in states)
+        if since_ns > 0 and obeys:
+            return []
         message = EmergencyBrake(
-            code=first.code,
-            reason=first.reason,
-            cause_age_ms=min((now_ns - first.seen_ns) // NS_PER_MS, 65_535),
+            code=cause.code,
+            reason=cause.reason,
+            cause_age_ms=min((now_ns - cause.seen_ns) // NS_PER_MS, 65_535),
             reset_epoch=self.reset_epoch,
         )
         return [self.endpoint.frame("SUPERVISOR_EMERGENCY_BRAKE", message)]
-
-    # What is sent ----------------------------------------------------------------------------
 
     def _state_frame(self, now_ns: int) -> Frame:
         authorised = AUTHORISED[self.mode]

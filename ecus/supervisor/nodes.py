@@ -47,6 +47,9 @@ HEARTBEATS = {
 START_INTERVAL_NS = 200_000_000
 """A node that is not OPERATIONAL is told to start at most this often."""
 
+ASK_INTERVAL_NS = 200_000_000
+"""A node that does not tell its configuration is asked at most this often."""
+
 RESET_BLOCKING = frozenset({ErrorCode.ER1, ErrorCode.ER2, ErrorCode.ER4, ErrorCode.ER6})
 """Codes whose cause must be gone before a reset. ER0 and ER3 do not brake; ER5 ends by itself."""
 
@@ -62,6 +65,7 @@ class NodeWatch:
         """A boot-up was heard since the last call of `take_boot`."""
         self.is_configuration_equal: bool | None = None
         """None: not known yet."""
+        self.ask_due_ns = 0
         self._start_due_ns = 0
 
     def on_heartbeat(self, state: HeartbeatState) -> None:
@@ -71,6 +75,7 @@ class NodeWatch:
         """
         if state is HeartbeatState.BOOT_UP:
             self.has_booted = True
+            self.ask_due_ns = 0
         is_started_anew = state is HeartbeatState.PRE_OPERATIONAL and self.is_operational
         if state is HeartbeatState.BOOT_UP or is_started_anew:
             self.is_configuration_equal = None
@@ -158,15 +163,17 @@ class Nodes:
         answers = [item.frame for item in received if item.frame.can_id in ids]
         frames = self._reader.step(now_ns, answers)
         for watch in unknown:
-            self._judge_configuration(watch)
+            self._judge_configuration(now_ns, watch)
         return frames
 
-    def _judge_configuration(self, watch: NodeWatch) -> None:
+    def _judge_configuration(self, now_ns: int, watch: NodeWatch) -> None:
         results = self._reader.results
         keys = {(watch.node_id, CONFIGURATION, sub): sub for sub in self._hashes}
         missing = [key for key in keys if not isinstance(results.get(key), int)]
-        for key in missing:  # not answered yet, timed out, or refused: ask (again)
-            self._reader.request(*key)
+        if missing and now_ns >= watch.ask_due_ns:  # not asked yet, timed out, or refused
+            watch.ask_due_ns = now_ns + ASK_INTERVAL_NS
+            for key in missing:
+                self._reader.request(*key)
         if not missing:
             watch.is_configuration_equal = all(
                 results.pop(key) == self._hashes[sub] for key, sub in keys.items()
