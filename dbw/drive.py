@@ -162,7 +162,9 @@ class _Session:
         if not math.isfinite(state.speed_mps):
             return "the speed is not known: no fresh THROTTLE_STATUS"
         pose = self.localiser.pose(state.time_ns)
-        decision = self._planner.decide(pose, state.speed_mps)
+        decision = self._planner.decide(
+            pose, state.speed_mps, self.localiser.odometry_correction
+        )
         self._stage.recorder.add_estimate(state.time_ns, pose.x_m, pose.y_m)
         self._progress_m = decision.progress_m
         is_at_goal = not self._plan.is_whole_lap and decision.progress_m >= self._plan.goal_m

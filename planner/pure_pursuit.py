@@ -10,6 +10,11 @@ how it *changes* when the vehicle is off the line. So the command is
 The difference vanishes on the line, and for a small lateral error e and heading error p it is
 -2 e / l^2 - 2 p / l with look-ahead l: a damping ratio of 0.707 at any speed, a natural frequency
 of sqrt(2) v / l. The look-ahead grows with speed to keep that frequency well under the steering's.
+
+The feed-forward does the driving and the feedback only what is left, so the look-ahead is long: 2 s
+turn 1 cm of noise in the estimate into 0.6 degrees of a steering wheel of 40:1 at 7 m/s, where
+0.8 s make it 3.4. The price is that a curvature fed forward wrong by d ends
+d l^2 / 2 beside the line; so the biases the localiser has learned are taken out of the command.
 """
 
 import math
@@ -18,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.line import Line
+from planner.localisation import OdometryCorrection
 from planner.pose import Pose, wrap_angle
 from planner.road import FloatArray
 from planner.tracker import LineTracker
@@ -67,9 +73,9 @@ class PursuitParams:
 
     steering_lag_s: float = 0.17
     speed_lag_s: float = 0.4
-    lookahead_s: float = 0.8
-    lookahead_m_min: float = 3.0
-    lookahead_m_max: float = 8.0
+    lookahead_s: float = 2.0
+    lookahead_m_min: float = 10.0
+    lookahead_m_max: float = 14.0
     curvature_per_m_max: float = CURVATURE_PER_M_MAX
 
     def __post_init__(self) -> None:
@@ -107,8 +113,17 @@ class PurePursuit:
         self._length_m = line.length_m
         self._is_stopping = False
 
-    def decide(self, pose: Pose, speed_mps: float) -> Decision:
+    def decide(
+        self, pose: Pose, speed_mps: float, odometry: OdometryCorrection | None = None
+    ) -> Decision:
         """Return speed and curvature for the vehicle's pose and measured speed.
+
+        Args:
+            pose: Estimate for now.
+            speed_mps: Measured.
+            odometry: What the localiser has learned (`Localiser.odometry_correction`). The steering
+                obeys in terms of what it measures, so the command is given in them. None: its
+                measurements are taken as true.
 
         Raises:
             ValueError: If the pose or the speed is not finite; nothing is remembered of it.
@@ -127,7 +142,10 @@ class PurePursuit:
         correction = _arc_to(pose, goal) - _arc_to(on_line, goal)
         preview = tracker.curvature_at(s_m + params.steering_lag_s * speed_mps)
         limit = params.curvature_per_m_max
-        curvature = min(max(preview + correction, -limit), limit)
+        wanted = preview + correction
+        if odometry is not None:
+            wanted = (wanted - odometry.curvature_offset_per_m) / odometry.curvature_scale
+        curvature = min(max(wanted, -limit), limit)
         lost = (
             abs(tracker.lateral_m) > LOST_M
             or abs(wrap_angle(pose.heading_rad - on_line.heading_rad)) > LOST_RAD

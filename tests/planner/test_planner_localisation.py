@@ -100,6 +100,76 @@ def test_curvature_measured_5_percent_wrong_does_not_carry_the_pose_away() -> No
     assert max(drifting) > 1.0
 
 
+def weave(
+    localiser: Localiser, seed: int, slip_s: float = 0.0
+) -> tuple[list[float], list[float], list[float]]:
+    """Drive 120 s of bends and straights at 6 m/s with biased odometry.
+
+    Measured speed is 1 % high, the curvature 3e-4 1/m and a tenth too far left; the tyres follow
+    the steering after `slip_s`. Returns errors along, across, and in course, every 20 ms.
+    """
+    receiver = GnssReceiver(np.random.default_rng(seed))
+    truth, driven = ORIGIN, 0.0
+    along, across, course = [], [], []
+    for tick in range(6000):
+        now_ns = tick * 20 * MS
+        steered = 0.06 * math.sin(tick / 150.0) if (tick // 942) % 2 else 0.0
+        if tick:
+            driven += (steered - driven) * min(1.0, 0.02 / max(slip_s, 0.02))
+            truth = move_along_arc(truth, 0.12, driven)
+        for fix in receiver.step(now_ns, truth.x_m, truth.y_m):
+            localiser.fix(fix)
+        localiser.odometry(now_ns, 6.0 * 1.01, 1.05 * steered + 3e-4)
+        pose = localiser.pose(now_ns)
+        cos, sin = math.cos(truth.heading_rad), math.sin(truth.heading_rad)
+        dx, dy = pose.x_m - truth.x_m, pose.y_m - truth.y_m
+        along.append(cos * dx + sin * dy)
+        across.append(cos * dy - sin * dx)
+        course.append(pose.heading_rad - truth.heading_rad)
+    return along, across, course
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_biased_odometry_is_learned_and_leaves_no_lag(seed: int) -> None:
+    localiser = Localiser(ORIGIN, 0)
+    along, across, course = weave(localiser, seed)
+    learned = localiser.odometry_correction
+    assert learned.speed_scale == pytest.approx(1.0 / 1.01, abs=0.004)
+    assert learned.curvature_scale == pytest.approx(1.01 / 1.05, abs=0.02)
+    assert learned.curvature_offset_per_m == pytest.approx(-3e-4, abs=2e-4)
+    assert abs(np.mean(along[500:])) < 0.005
+    assert np.sqrt(np.mean(np.square(along[500:]) + np.square(across[500:]))) < 0.025
+    assert np.sqrt(np.mean(np.square(course[500:]))) < math.radians(0.25)
+    assert localiser.fixes_rejected == 0
+
+
+def test_side_slip_that_builds_up_is_learned_as_a_lag() -> None:
+    localiser = Localiser(ORIGIN, 0)
+    _, _, course = weave(localiser, 4, slip_s=0.1)
+    # A first-order lag of 0.1 s in steps of 20 ms, of which the filter sees the mean of two.
+    assert localiser.odometry_correction.curvature_lag_s == pytest.approx(0.08, abs=0.03)
+    assert np.sqrt(np.mean(np.square(course[3000:]))) < math.radians(0.25)
+
+
+def test_corrections_fade_on_a_long_straight_without_fixes() -> None:
+    localiser = Localiser(ORIGIN, 0)
+    weave(localiser, 5)
+    learned = localiser.odometry_correction
+    for tick in range(6000, 36_000):
+        localiser.odometry(tick * 20 * MS, 6.0, 0.0)
+    faded = localiser.odometry_correction
+    assert abs(faded.speed_scale - 1.0) < 0.1 * abs(learned.speed_scale - 1.0)
+    assert abs(faded.curvature_scale - 1.0) < 0.1 * abs(learned.curvature_scale - 1.0)
+
+
+def test_fixes_out_of_order_are_refused() -> None:
+    localiser = Localiser(ORIGIN, 0)
+    drive(localiser, None, 5.0)
+    here = GnssFix(taken_ns=4_900 * MS, x_m=localiser.pose(0).x_m, y_m=localiser.pose(0).y_m)
+    assert localiser.fix(here)
+    assert not localiser.fix(GnssFix(taken_ns=4_800 * MS, x_m=here.x_m, y_m=here.y_m))
+
+
 def test_single_outlier_is_refused_and_a_lasting_jump_believed() -> None:
     localiser = Localiser(ORIGIN, 0)
     drive(localiser, GnssReceiver(np.random.default_rng(1)), 5.0)
