@@ -42,8 +42,15 @@ def brake_position_ratio(
     measured_mps = measured_wheel_speed_radps * radius_m
     if decision.speed_mps == 0.0 and abs(measured_mps) < HOLD_SPEED_MPS_MAX:
         return vehicle.brake.hold_ratio
+    # Told to stand, and still rolling when it should: on a slope regeneration fades and the margin
+    # would let the car creep for ever.
+    is_told_to_stand = decision.speed_mps == 0.0 and applied_wheel_speed_radps == 0.0
+    is_late = is_told_to_stand and measured_mps > HOLD_SPEED_MPS_MAX
+    ratio_min = vehicle.brake.hold_ratio if is_late else 0.0
     excess_mps = measured_mps - applied_wheel_speed_radps * radius_m - REGEN_MARGIN_MPS
     if not excess_mps > 0.0:  # NaN as well: no echo, no braking by speed
-        return 0.0
+        return ratio_min
     wanted_mps2 = BRAKE_GAIN_PER_S * excess_mps
-    return min(wanted_mps2 / vehicle.brake.deceleration_mps2_full, BRAKE_RATIO_MAX)
+    return max(
+        min(wanted_mps2 / vehicle.brake.deceleration_mps2_full, BRAKE_RATIO_MAX), ratio_min
+    )

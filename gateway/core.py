@@ -7,7 +7,7 @@ actuators notice. On leaving AUTOMATIC the decision is forgotten: nothing drives
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 from canbus.canopen_node import CanopenNode
@@ -29,7 +29,14 @@ from gateway.command_sender import CommandSender
 from gateway.commands import NS_PER_S, Decision, checked_period_ns, promised_period_ms
 from gateway.kinematics import Kinematics
 from gateway.report import CodeReport
-from gateway.requests import DRIVING_MODES, BrakeSender, RequestSender, SupervisorView
+from gateway.requests import (
+    DRIVING_MODES,
+    OBJECTION_MODES,
+    BrakeSender,
+    RequestSender,
+    SupervisorView,
+    brake_code,
+)
 from gateway.state import (
     EMERGENCY_SENDER,
     SUBSCRIBED,
@@ -122,6 +129,7 @@ class GatewayCore:
         self._judge_traffic()
         for message in messages:
             self._follow(message)
+        self._check_supervisor()
         self._take_inputs(sensors)
         is_operational = self._canopen.state is NmtState.OPERATIONAL
         may_move = is_operational and not self._foreign_name()
@@ -177,7 +185,7 @@ class GatewayCore:
                 continue
             self._foreign = (item.frame.can_id, self._now_ns)
             self._add_cause(ErrorCode.ER1, Reason.FOREIGN_SENDER)
-            if is_forged(item.frame) and self._view.mode in DRIVING_MODES:
+            if is_forged(item.frame) and self._view.mode in OBJECTION_MODES:
                 self._start_brake(Reason.FOREIGN_SENDER)
         if self._endpoint.is_bus_off:
             self._add_cause(ErrorCode.ER2, Reason.BUS_OFF)
@@ -202,8 +210,22 @@ class GatewayCore:
                 self._commands.forget()
             if state.mode is Mode.AUTOMATIC:
                 self._emergency_reason = None
+                if self._foreign_name():  # while a stranger is heard, nothing of ours asks for it
+                    self._start_brake(Reason.FOREIGN_SENDER)
         if before.reset_epoch is not None and state.reset_epoch != before.reset_epoch:
             self._emergency_reason = None
+
+    def _check_supervisor(self) -> None:
+        """A planner that cannot know what the car does must not drive it."""
+        view = self._view
+        if view.mode not in DRIVING_MODES:
+            return
+        if self._endpoint.is_fresh("SUPERVISOR_STATE", self._now_ns):
+            return
+        self._add_cause(ErrorCode.ER2, Reason.SUPERVISOR_SILENT)
+        self._start_brake(Reason.SUPERVISOR_SILENT)
+        self._commands.forget()
+        self._view = replace(view, mode=None)
 
     def _note_emergency(self, reason: EmergencyReason) -> None:
         if self._emergency_reason is None or reason.reason not in FOLLOWING_REASONS:
@@ -225,9 +247,8 @@ class GatewayCore:
 
     def _start_brake(self, reason: Reason) -> None:
         if self._brake.start(reason, self._now_ns, self._view):
-            self._note_emergency(
-                EmergencyReason(node=self.name, code=ErrorCode.ER1, reason=reason)
-            )
+            code = brake_code(reason)
+            self._note_emergency(EmergencyReason(node=self.name, code=code, reason=reason))
 
     def _foreign_name(self) -> str:
         if self._foreign is None or self._now_ns - self._foreign[1] > FOREIGN_NS:

@@ -44,6 +44,10 @@ BRAKE_INTERVAL_NS_MIN = SPEC_OF_NAME["GATEWAY_EMERGENCY_BRAKE"].min_interval_ns
 DRIVING_MODES = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 """The modes in which the planner's decisions move the car."""
 
+OBJECTION_MODES = DRIVING_MODES | {Mode.EMERGENCY}
+"""The modes in which a stranger's frame is answered by EMERGENCY_BRAKE; in EMERGENCY one frame
+speaks against a reset that the planner did not ask for."""
+
 DRIVER_MODES = frozenset({Mode.INIT, Mode.MANUAL})
 """The modes in which a human drives: nothing may brake for him."""
 
@@ -141,6 +145,11 @@ class RequestSender:
         return view.mode is Mode.EMERGENCY
 
 
+def brake_code(reason: Reason) -> ErrorCode:
+    """The code of the gateway's own EMERGENCY_BRAKE."""
+    return ErrorCode.ER2 if reason is Reason.SUPERVISOR_SILENT else ErrorCode.ER1
+
+
 class BrakeSender:
     """Sends FAILSAFE and the gateway's own EMERGENCY_BRAKE."""
 
@@ -157,7 +166,9 @@ class BrakeSender:
         With the reason REQUESTED the global fail-safe command goes out as well. The newest mode
         counts however old it is; before the first one nobody is known to drive, so it brakes.
         """
-        if view.mode in DRIVER_MODES or view.mode is Mode.EMERGENCY or self._since_ns is not None:
+        is_objection = reason is Reason.FOREIGN_SENDER
+        is_in_force = view.mode is Mode.EMERGENCY and not is_objection
+        if view.mode in DRIVER_MODES or is_in_force or self._since_ns is not None:
             return False
         self._reason, self._since_ns = reason, now_ns
         self._is_failsafe_due = reason is Reason.REQUESTED
@@ -178,7 +189,7 @@ class BrakeSender:
         if self._sent_ns is None or now_ns - self._sent_ns >= BRAKE_INTERVAL_NS_MIN:
             self._sent_ns = now_ns
             brake = EmergencyBrake(
-                code=ErrorCode.ER1,
+                code=brake_code(self._reason),
                 reason=self._reason,
                 cause_age_ms=age_ns // NS_PER_MS,
                 reset_epoch=view.reset_epoch or 0,

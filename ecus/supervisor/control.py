@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from dbc.messages import ErrorCode, Inhibit, Mode, NodeState, Verdict
 
-STANDSTILL_MPS_MAX = 0.1
-"""Both axles slower than this: the car stands."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:

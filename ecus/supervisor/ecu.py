@@ -31,7 +31,6 @@ from ecus.common.driver_input import Debounce
 from ecus.common.node_state import SAFE_STATES
 from ecus.common.shell import Shell
 from ecus.supervisor.control import (
-    STANDSTILL_MPS_MAX,
     Situation,
     engage_inhibit,
     inhibit,
@@ -48,11 +47,11 @@ from ecus.supervisor.nodes import (
 from ecus.supervisor.panel import Button, Requests
 from ecus.supervisor.params import EXPOSED, SupervisorParams
 from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
+from ecus.supervisor.standstill import Standstill
 from vehicles import Vehicle
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-STANDSTILL_NS = 300_000_000
 FOREIGN_NS = 1_000_000_000
 """A frame of nobody's, or a FAILSAFE, denies engagement and reset for this long."""
 
@@ -63,6 +62,9 @@ RESET_NS = 15_000_000
 """A reset is asked for this long; by then the gateway has objected to one that is not its own."""
 OBJECTION_NS = 100_000_000
 """An EMERGENCY_BRAKE of another node speaks against a reset for this long."""
+
+SILENCES = frozenset({Reason.NODE_SILENT, Reason.VERDICT_MISSING})
+"""Reasons that only the supervisor finds: it sends their EMCY."""
 
 RESET_EPOCHS = 16
 DEFAULT_PLANNER_PERIOD_MS = 20
@@ -101,7 +103,9 @@ class SupervisorEcu:
         self._mode_since_ns = 0
         self._button = Button()
         self._requests = Requests()
-        self._standing = Debounce(STANDSTILL_NS)
+        self._standstill = Standstill(
+            self.params.deceleration_mps2_full, self.params.deceleration_mps2_min
+        )
         self._age_limit_ms = decision_age_limit_ms(DEFAULT_PLANNER_PERIOD_MS)
         self._is_period_allowed = True
         self._codes: set[ErrorCode] = set()
@@ -206,16 +210,20 @@ class SupervisorEcu:
             },
             node_states=nodes.states,
             codes=self._reported(now_ns),
-            blocking_codes=nodes.present_codes & RESET_BLOCKING,
+            blocking_codes=(nodes.present_codes | self._own_codes()) & RESET_BLOCKING,
             verdict=verdict.verdict if verdict is not None and is_verdict_fresh else None,
             is_driver_active=nodes.is_driver_active,
             is_emergency_stop_pressed=sensors.emergency_stop_pressed or is_failsafe,
             has_foreign_frames=now_ns < self._foreign_until_ns,
             is_planner_period_allowed=self._is_period_allowed,
             speed_mps=speed_mps,
-            is_standing=self._standing.update(speed_mps <= STANDSTILL_MPS_MAX, now_ns),
+            is_standing=self._standstill.update(speed_mps, now_ns),
             engage_speed_mps_max=self.params.engage_speed_mps_max,
         )
+
+    def _own_codes(self) -> frozenset[ErrorCode]:
+        """Codes whose cause the supervisor itself has seen in this step."""
+        return frozenset(cause.code for cause in self.shell.causes)
 
     def _reported(self, now_ns: int) -> frozenset[ErrorCode]:
         own = self.shell.codes.reported(now_ns)
@@ -309,6 +317,8 @@ class SupervisorEcu:
         for cause in faults:
             text = f"emergency brake: {cause.code.name} {cause.reason.name}"
             self.shell.add_event(EventKind.CODE, text)
+            if cause.reason in SILENCES:  # the others tell of theirs themselves
+                self.shell.causes.append(cause)
         if not any(cause.code is ErrorCode.ER1 for cause in self.shell.causes):
             self.shell.add_cause(ErrorCode.ER1, Reason.BRAKING_IN_PROGRESS)
 

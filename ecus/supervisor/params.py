@@ -19,6 +19,8 @@ class SupervisorParams:
     engage_speed_mps_max: float
     command_timeout_s: float
     wheel_radius_m: float
+    deceleration_mps2_full: float
+    deceleration_mps2_min: float
     driver_steers_against: DriverPolicy
     driver_brakes_alone: DriverPolicy
     foreign_id_min: int
@@ -32,6 +34,8 @@ class SupervisorParams:
             engage_speed_mps_max=vehicle.policy.engage_speed_mps_max,
             command_timeout_s=vehicle.times.command_timeout_s,
             wheel_radius_m=vehicle.geometry.wheel_radius_m,
+            deceleration_mps2_full=vehicle.brake.deceleration_mps2_full,
+            deceleration_mps2_min=vehicle.brake.deceleration_mps2_min,
             driver_steers_against=vehicle.policy.driver_steers_against,
             driver_brakes_alone=vehicle.policy.driver_brakes_alone,
             foreign_id_min=round(vehicle.bus.foreign_id_min),
