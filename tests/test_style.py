@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_import_rules import EVERY_FILE, FILES, ROOT, tree
 
+from tests.test_import_rules import EVERY_FILE, FILES, ROOT, tree
 from vehicles import load_vehicle
 from vehicles.vehicle import Vehicle
 

@@ -7,7 +7,15 @@ from typing import Any
 
 import pytest
 from cantools.database.can import Signal
-from dbc_signals import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canbus.frame import Frame, FrameKind
+from dbc.codec import Decoded, FrameFault, decode, decode_data, encode
+from dbc.messages import SPECS, EmergencyBrake, ErrorCode, Reason, SupervisorState
+from dbc.protection import protect
+from dbc.spec import SignalRangeError
+from tests.dbc.dbc_signals import (
     CASE_IDS,
     CASES,
     Case,
@@ -20,14 +28,6 @@ from dbc_signals import (
     physical,
     raw_domain,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from canbus.frame import Frame, FrameKind
-from dbc.codec import Decoded, FrameFault, decode, decode_data, encode
-from dbc.messages import SPECS, EmergencyBrake, ErrorCode, Reason, SupervisorState
-from dbc.protection import protect
-from dbc.spec import SignalRangeError
 
 ALL = pytest.mark.parametrize("case", CASES, ids=CASE_IDS)
 

@@ -8,7 +8,6 @@ from importlib.resources import files
 
 import pytest
 from cantools.database.can import Message
-from dbc_signals import CASE_IDS, CASES, PROTECTION, Case, choice_names, edge_raws, is_valid
 
 from canbus.node import NODE_IDS
 from canbus.timing import MessageTiming, bus_load, response_times_ns
@@ -16,6 +15,15 @@ from dbc.database import HARNESS_DBC, VEHICLE_DBC, load
 from dbc.generate import attribute
 from dbc.messages import SPECS
 from dbc.timing import decision_age_limit_ms, planner_period_ms_max
+from tests.dbc.dbc_signals import (
+    CASE_IDS,
+    CASES,
+    PROTECTION,
+    Case,
+    choice_names,
+    edge_raws,
+    is_valid,
+)
 
 VEHICLE = [case for case in CASES if case.dbc == VEHICLE_DBC]
 MESSAGES = pytest.mark.parametrize("case", VEHICLE, ids=[case.message.name for case in VEHICLE])

@@ -6,19 +6,19 @@ import math
 from collections.abc import Callable
 
 import pytest
-from ecus_fakes import (
-    BUS_OFF,
-    ECUS,
-    EMERGENCY_SENDERS,
-    MS,
-    Rig,
-)
 
 from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame
 from canbus.node import NODE_IDS
 from dbc.endpoint import FAILSAFE_ID, Endpoint
 from dbc.messages import ErrorCode, Reason
+from tests.ecus.ecus_fakes import (
+    BUS_OFF,
+    ECUS,
+    EMERGENCY_SENDERS,
+    MS,
+    Rig,
+)
 
 NAMES = list(ECUS)
 SETPOINT = {"Steering": 2.0, "Throttle": 10.0, "BrakeServo": 0.4}

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ecus_fakes import BRAKE_REASON_OTHER, EMERGENCY_SENDERS, MS, PREFIX, START_NS, named, tabby
-
 from canbus.canopen_protocol import NmtCommand
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import NODE_IDS, PERIOD_NS, EventKind, StepOutput
@@ -36,6 +34,15 @@ from dbc.messages import (
 )
 from ecus.supervisor.ecu import SupervisorEcu
 from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
+from tests.ecus.ecus_fakes import (
+    BRAKE_REASON_OTHER,
+    EMERGENCY_SENDERS,
+    MS,
+    PREFIX,
+    START_NS,
+    named,
+    tabby,
+)
 from vehicles import Vehicle
 
 NODES = ("Steering", "Throttle", "BrakeServo", "SafetyMonitor", "Gateway")

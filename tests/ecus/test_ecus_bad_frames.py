@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from actuator_causes import (
-    NAMES,
-    SETPOINT,
-)
-from ecus_fakes import (
-    Rig,
-    flags,
-)
 
 from canbus.frame import Frame, FrameKind
 from canbus.node import EventKind
 from dbc.endpoint import SPEC_OF_NAME, Endpoint
 from dbc.messages import ErrorCode, NodeState, Reason
 from dbc.protection import protect
+from tests.ecus.actuator_causes import (
+    NAMES,
+    SETPOINT,
+)
+from tests.ecus.ecus_fakes import (
+    Rig,
+    flags,
+)
 
 # Bad frames (ER0) ----------------------------------------------------------------------------
 

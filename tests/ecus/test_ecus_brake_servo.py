@@ -6,10 +6,10 @@ import math
 from itertools import pairwise
 
 import pytest
-from ecus_fakes import Rig, changed, flags, sdo_write, tabby
 
 from dbc.messages import ErrorCode, Mode, NodeState, Reason
 from ecus.brake_servo.ports import RELEASED, BrakeActuator
+from tests.ecus.ecus_fakes import Rig, changed, flags, sdo_write, tabby
 
 FULL = BrakeActuator(servo_position_ratio=1.0, servo_powered=True)
 RESTING = BrakeActuator(servo_position_ratio=0.0, servo_powered=True)

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from actuator_causes import (
+
+from canbus.canopen_protocol import NmtCommand, nmt_frame
+from canbus.frame import Frame
+from canbus.node import NODE_IDS, EventKind
+from dbc.endpoint import SPEC_OF_NAME
+from dbc.messages import ErrorCode, Mode, NodeState, Reason
+from tests.ecus.actuator_causes import (
     ALL_OWN,
     FOREIGN_STOPS,
     NAMES,
@@ -16,18 +22,12 @@ from actuator_causes import (
     nmt,
     supervisor_silent,
 )
-from ecus_fakes import (
+from tests.ecus.ecus_fakes import (
     BUS_OFF,
     MS,
     Rig,
     flags,
 )
-
-from canbus.canopen_protocol import NmtCommand, nmt_frame
-from canbus.frame import Frame
-from canbus.node import NODE_IDS, EventKind
-from dbc.endpoint import SPEC_OF_NAME
-from dbc.messages import ErrorCode, Mode, NodeState, Reason
 
 # Causes --------------------------------------------------------------------------------------
 

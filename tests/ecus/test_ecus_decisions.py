@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 import pytest
-from actuator_causes import (
-    NAMES,
-    SETPOINT,
-)
-from ecus_fakes import (
-    AGE_LIMIT_MS,
-    Rig,
-)
 
 from canbus.node import EventKind
 from dbc.messages import ErrorCode, Mode, NodeState, Reason
+from tests.ecus.actuator_causes import (
+    NAMES,
+    SETPOINT,
+)
+from tests.ecus.ecus_fakes import (
+    AGE_LIMIT_MS,
+    Rig,
+)
 
 # ER5 -----------------------------------------------------------------------------------------
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from ecus_fakes import tabby
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from ecus.steering.params import SteeringParams
 from ecus.throttle.control import INTEGRAL_MPS2_MAX, SpeedLoop, actuator_of
 from ecus.throttle.params import ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, dac_code
+from tests.ecus.ecus_fakes import tabby
 
 RADIUS_M = 0.287
 GEAR = 5.8

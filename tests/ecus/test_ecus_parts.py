@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from ecus_fakes import EncoderFake
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from ecus.common.codes import CodeLatch, code_bits, code_flags
 from ecus.common.driver_input import Debounce
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp, towards
+from tests.ecus.ecus_fakes import EncoderFake
 
 RADIUS_M = 0.287
 GEAR = 5.8

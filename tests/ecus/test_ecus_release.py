@@ -5,22 +5,22 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from actuator_causes import (
-    NAMES,
-    SETPOINT,
-    nmt,
-)
-from ecus_fakes import (
-    MS,
-    Rig,
-    sdo_write,
-)
 
 from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import ReceivedFrame
 from canbus.node import NODE_IDS, EventKind
 from dbc.endpoint import SPEC_OF_NAME, Endpoint
 from dbc.messages import Mode, NodeState
+from tests.ecus.actuator_causes import (
+    NAMES,
+    SETPOINT,
+    nmt,
+)
+from tests.ecus.ecus_fakes import (
+    MS,
+    Rig,
+    sdo_write,
+)
 
 # Release, start, arming ----------------------------------------------------------------------
 

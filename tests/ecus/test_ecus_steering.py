@@ -6,10 +6,10 @@ import math
 from itertools import pairwise
 
 import pytest
-from ecus_fakes import MS, Rig, changed, flags, sdo_write, tabby
 
 from dbc.messages import ErrorCode, Mode, NodeState, Reason
 from ecus.steering.ecu import SteeringEcu
+from tests.ecus.ecus_fakes import MS, Rig, changed, flags, sdo_write, tabby
 
 
 def turned(angle_rad: float = 1.0, setpoint: float = 1.0) -> Rig:

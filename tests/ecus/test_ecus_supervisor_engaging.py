@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from ecus_fakes import changed, tabby
-from supervisor_fakes import NODES, Street
 
 from canbus.frame import Frame, FrameKind
 from canbus.node import EventKind
 from dbc.messages import HeartbeatState, Inhibit, Mode, NodeState, Request, Verdict
+from tests.ecus.ecus_fakes import changed, tabby
+from tests.ecus.supervisor_fakes import NODES, Street
 
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")
 SUFFIX = {

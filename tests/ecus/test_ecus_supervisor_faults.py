@@ -6,8 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import pytest
-from ecus_fakes import BUS_OFF, EMERGENCY_SENDERS, MS, changed, tabby
-from supervisor_fakes import NODES, Street
 
 from canbus.frame import Frame
 from canbus.node import EventKind
@@ -22,6 +20,8 @@ from dbc.messages import (
     Request,
     Verdict,
 )
+from tests.ecus.ecus_fakes import BUS_OFF, EMERGENCY_SENDERS, MS, changed, tabby
+from tests.ecus.supervisor_fakes import NODES, Street
 from vehicles.vehicle import DriverPolicy
 
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")

@@ -6,8 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from ecus_fakes import sdo_write
-from supervisor_fakes import NODES, Street
 
 from canbus.canopen_protocol import NmtCommand
 from canbus.frame import Frame
@@ -15,6 +13,8 @@ from canbus.node import NODE_IDS, EventKind
 from dbc.endpoint import FAILSAFE_ID
 from dbc.messages import ErrorCode, HeartbeatState, Inhibit, Mode, NodeState, Request
 from ecus.supervisor.mode import RELAY_CLOSED
+from tests.ecus.ecus_fakes import sdo_write
+from tests.ecus.supervisor_fakes import NODES, Street
 
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")
 SUFFIX = {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from ecus_fakes import changed, tabby
-from supervisor_fakes import Street
 
 from canbus.frame import Frame
 from dbc.endpoint import FAILSAFE_ID
@@ -18,6 +16,8 @@ from dbc.messages import (
     Request,
     Verdict,
 )
+from tests.ecus.ecus_fakes import changed, tabby
+from tests.ecus.supervisor_fakes import Street
 from vehicles import Vehicle
 from vehicles.vehicle import DriverPolicy
 

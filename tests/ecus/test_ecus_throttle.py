@@ -6,10 +6,10 @@ import math
 from itertools import pairwise
 
 import pytest
-from ecus_fakes import Rig, flags, tabby
 
 from dbc.messages import ErrorCode, Mode, NodeState
 from ecus.throttle.ports import DAC_CODE_MAX, IDLE, ThrottleActuator, dac_code
+from tests.ecus.ecus_fakes import Rig, flags, tabby
 
 RADIUS_M = tabby().geometry.wheel_radius_m
 ZERO = dac_code(0.0)

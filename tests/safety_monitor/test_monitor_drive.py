@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from monitor_bus import (
+
+from canbus.canopen_protocol import NmtCommand, nmt_frame
+from canbus.frame import ReceivedFrame
+from dbc.messages import ErrorCode, Mode, MonitorReason, Reason, Request
+from tests.safety_monitor.monitor_bus import (
     BRAKE,
     CAN_ID,
     CYCLE_MS,
@@ -14,10 +18,6 @@ from monitor_bus import (
     TIMEOUT_MS,
     MonitorBus,
 )
-
-from canbus.canopen_protocol import NmtCommand, nmt_frame
-from canbus.frame import ReceivedFrame
-from dbc.messages import ErrorCode, Mode, MonitorReason, Reason, Request
 
 NONE = (PERMIT, MonitorReason.NONE, 0)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from monitor_bus import BRAKE, DENY, NAN, PERMIT, RADIUS_M, Answer, MonitorBus
 
 from dbc.messages import Mode, MonitorReason
+from tests.safety_monitor.monitor_bus import BRAKE, DENY, NAN, PERMIT, RADIUS_M, Answer, MonitorBus
 
 SPEED_MPS_MAX = 8.2
 LATERAL_MPS2_MAX = 3.0

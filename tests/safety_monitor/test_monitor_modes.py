@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from monitor_bus import AUTHORISED, BRAKE, DENY, PERMIT, MonitorBus
 
 from dbc.messages import Mode, MonitorReason, Request
+from tests.safety_monitor.monitor_bus import AUTHORISED, BRAKE, DENY, PERMIT, MonitorBus
 
 NONE = (PERMIT, MonitorReason.NONE, 0)
 

@@ -7,12 +7,12 @@ import struct
 from pathlib import Path
 
 import pytest
-from monitor_bus import CAN_ID, DENY, NAN, PERMIT, TIMEOUT_MS, MonitorBus
 
 from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame
 from dbc.messages import Mode, MonitorReason, Verdict
 from safety_monitor.verdict import VERDICT_OF, Phase, Severity
+from tests.safety_monitor.monitor_bus import CAN_ID, DENY, NAN, PERMIT, TIMEOUT_MS, MonitorBus
 
 NAMES = sorted(CAN_ID)
 

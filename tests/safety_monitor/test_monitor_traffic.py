@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from monitor_bus import BRAKE, CAN_ID, CYCLE_MS, DENY, MS, PERMIT, MonitorBus
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
 from canbus.node import EventKind
@@ -18,6 +17,7 @@ from dbc.messages import (
     SafetyVerdict,
     Verdict,
 )
+from tests.safety_monitor.monitor_bus import BRAKE, CAN_ID, CYCLE_MS, DENY, MS, PERMIT, MonitorBus
 
 TEN_MS = [name for name, cycle_ms in CYCLE_MS.items() if cycle_ms == 10]
 

@@ -122,6 +122,15 @@ class Drive:
     def mode(self) -> Mode:
         return self.supervisor.mode
 
+    def is_in(self, mode: Mode) -> bool:
+        """Whether the supervisor is in this mode now."""
+        return self.mode is mode
+
+    @property
+    def codes(self) -> tuple[ErrorCode, ...]:
+        """Codes that the planner is told; none when it is told nothing."""
+        return self.state.codes or ()
+
     @property
     def speed(self) -> float:
         """True speed, m/s."""

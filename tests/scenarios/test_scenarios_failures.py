@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
-from driving import Drive
 
 from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame, FrameKind
 from canbus.node import NODE_IDS
 from dbc.messages import ErrorCode, Mode, NodeState, Reason, Request
+from tests.scenarios.driving import Drive
 
 NODES = list(NODE_IDS)
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")
@@ -92,10 +92,10 @@ def test_er4_and_er6_brake_and_let_the_steering_coast(
     drive.run(0.04)
     assert drive.first_emergency() == (code, reason)
     assert drive.emergencies[0][0] - began_ns <= 20_000_000 + 1_000_000
-    assert drive.mode is Mode.EMERGENCY
+    assert drive.is_in(Mode.EMERGENCY)
     steering = drive.world.stations["Steering"].node
     assert math.isnan(steering._status().applied_steering_wheel_angle_rad)
-    assert code in drive.state.codes
+    assert code in drive.codes
     assert_safe(drive)
 
 
@@ -131,7 +131,7 @@ def test_a_dead_servo_is_replaced_by_all_regeneration_there_is() -> None:
     drive = Drive().go(6.0)
     drive.car.faults.servo_stuck = True
     drive.request(Request.EMERGENCY_STOP, 0.6)
-    assert drive.mode is Mode.EMERGENCY
+    assert drive.is_in(Mode.EMERGENCY)
     assert drive.brake < 0.05
     assert drive.car.truth.motor_torque_nm < -50.0
     drive.run(5.0)
@@ -165,9 +165,9 @@ def test_er3_the_servo_rests_at_standstill_and_brakes_a_car_that_rolls() -> None
     drive.run(25.0)
     assert drive.brake > 0.9
     drive.run(8.0)
-    assert ErrorCode.ER3 in drive.state.codes
+    assert ErrorCode.ER3 in drive.codes
     assert drive.brake < 0.05  # released to save the servo
-    assert drive.mode is Mode.EMERGENCY
+    assert drive.is_in(Mode.EMERGENCY)
     drive.car.faults.slope_rad = -0.08  # somebody lets the car roll
     drive.run(1.5)
     assert drive.brake > 0.9  # applied again
@@ -181,7 +181,7 @@ def test_er2_a_node_late_by_more_than_50_ms_brakes() -> None:
     drive.world.delays_ns.clear()
     drive.run(0.2)
     assert any(e.node == "Steering" and "ER2 LATE" in e.text for _, e in drive.world.events)
-    assert ErrorCode.ER2 in (drive.state.codes or ())
+    assert ErrorCode.ER2 in drive.codes
     assert_safe(drive)
 
 
@@ -193,7 +193,7 @@ def test_a_cycle_late_by_20_ms_now_and_then_does_not_brake(name: str) -> None:
         drive.run(0.02)
         drive.world.delays_ns.clear()
         drive.run(0.2)
-    assert drive.mode is Mode.AUTOMATIC, drive.log()
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
 
 
 @pytest.mark.parametrize("command", [NmtCommand.STOP, NmtCommand.RESET_NODE])
@@ -202,7 +202,7 @@ def test_a_strangers_nmt_stops_the_car_and_is_reported(name: str, command: NmtCo
     drive = Drive().go(5.0)
     drive.world.inject(nmt_frame(command, NODE_IDS[name]))
     drive.run(0.1)
-    assert drive.mode is Mode.EMERGENCY, drive.log()
+    assert drive.is_in(Mode.EMERGENCY), drive.log()
     strangers = [e for _, e in drive.world.events if e.node == "Supervisor" and "000#" in e.text]
     assert strangers
     assert_safe(drive)
@@ -212,7 +212,7 @@ def test_a_failsafe_frame_from_anybody_is_obeyed() -> None:
     drive = Drive().go(5.0)
     drive.world.inject(Frame(0x001))
     drive.run(0.03)
-    assert drive.mode is Mode.EMERGENCY
+    assert drive.is_in(Mode.EMERGENCY)
     assert_safe(drive)
 
 
@@ -231,7 +231,7 @@ def test_a_node_that_restarts_while_driving_does_not_drive_on(name: str) -> None
     station = drive.world.stations[name]
     station.restart()
     drive.run(0.2)
-    assert drive.mode is Mode.EMERGENCY, drive.log()
+    assert drive.is_in(Mode.EMERGENCY), drive.log()
     assert drive.node_state(name) is not NodeState.ACTIVE
     assert_safe(drive)
 
@@ -242,10 +242,10 @@ def test_a_supervisor_that_restarts_adopts_the_emergency_and_keeps_braking() -> 
     drive.run(0.5)
     drive.world.stations["Supervisor"].restart()
     drive.run(0.3)
-    assert drive.mode is Mode.EMERGENCY, drive.log()
+    assert drive.is_in(Mode.EMERGENCY), drive.log()
     assert_safe(drive)
     drive.request(Request.RESET, 0.5)
-    assert drive.mode is Mode.MANUAL
+    assert drive.is_in(Mode.MANUAL)
     assert drive.brake < 0.2
 
 
@@ -268,7 +268,7 @@ def test_one_frame_nobody_should_send_moves_nothing_and_is_reported(frame: Frame
     events = len(drive.world.events)
     drive.world.inject(frame)
     drive.run(0.3)
-    assert drive.mode is Mode.AUTOMATIC, drive.log()
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
     assert drive.car.truth.column_angle_rad == pytest.approx(angle, abs=0.05)
     assert drive.brake == pytest.approx(brake, abs=0.05)
     assert len(drive.world.events) > events

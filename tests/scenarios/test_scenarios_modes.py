@@ -6,18 +6,18 @@ import math
 from dataclasses import replace
 
 import pytest
-from driving import TABBY, Drive
 
 from canbus.frame import Frame
 from dbc.messages import ErrorCode, Mode, NodeState, Request
 from ecus.brake_servo.ecu import BrakeServoEcu
+from tests.scenarios.driving import TABBY, Drive
 
 
 def test_the_car_engages_drives_and_stops_on_request() -> None:
     drive = Drive().go(5.0, 0.02)
     drive.request(Request.DISENGAGE)
-    assert drive.mode is Mode.STOPPING
-    assert drive.run(6.0, until=lambda: drive.mode is Mode.READY), drive.log()
+    assert drive.is_in(Mode.STOPPING)
+    assert drive.run(6.0, until=lambda: drive.is_in(Mode.READY)), drive.log()
     assert abs(drive.speed) < 0.1
     assert not drive.emergencies
 
@@ -27,15 +27,15 @@ def test_the_button_stops_the_car_before_it_gives_ready() -> None:
     drive.car.driver.button_pressed = True
     drive.run(0.1)
     drive.car.driver.button_pressed = False
-    assert drive.mode is Mode.STOPPING
-    assert drive.run(6.0, until=lambda: drive.mode is Mode.READY)
+    assert drive.is_in(Mode.STOPPING)
+    assert drive.run(6.0, until=lambda: drive.is_in(Mode.READY))
 
 
 def test_a_controlled_stop_goes_on_when_the_planner_leaves() -> None:
     drive = Drive().go(5.0)
     drive.request(Request.DISENGAGE, 0.1)
     drive.is_planner_silent = True
-    assert drive.run(6.0, until=lambda: drive.mode is Mode.READY), drive.log()
+    assert drive.run(6.0, until=lambda: drive.is_in(Mode.READY)), drive.log()
     assert not drive.emergencies
 
 
@@ -52,7 +52,7 @@ def test_the_driver_wins_within_100_ms(control: str, value: float) -> None:
     drive = Drive().go(5.0)
     setattr(drive.car.driver, control, value)
     drive.run(0.1)
-    assert drive.mode is Mode.MANUAL, drive.log()
+    assert drive.is_in(Mode.MANUAL), drive.log()
     assert not drive.car.truth.relay_closed
     drive.run(0.5)
     assert drive.brake < 0.05  # UAH: the driver has the car, nothing more
@@ -65,7 +65,7 @@ def test_a_touch_of_less_than_50_ms_is_no_take_over() -> None:
     drive.run(0.04)
     drive.car.driver.throttle_pedal_ratio = 0.0
     drive.run(0.3)
-    assert drive.mode is Mode.AUTOMATIC
+    assert drive.is_in(Mode.AUTOMATIC)
 
 
 def test_turning_the_wheel_hard_by_motor_is_not_taken_for_the_driver() -> None:
@@ -73,7 +73,7 @@ def test_turning_the_wheel_hard_by_motor_is_not_taken_for_the_driver() -> None:
     for curvature_per_m in (0.09, -0.09, 0.09):
         drive.curvature_per_m = curvature_per_m
         drive.run(1.5)
-        assert drive.mode is Mode.AUTOMATIC, drive.log()
+        assert drive.is_in(Mode.AUTOMATIC), drive.log()
 
 
 def test_automatic_again_while_rolling_after_a_take_over() -> None:
@@ -82,19 +82,19 @@ def test_automatic_again_while_rolling_after_a_take_over() -> None:
     drive.run(0.2)
     drive.car.driver.steering_torque_nm = 0.0
     drive.run(1.0)
-    assert drive.mode is Mode.MANUAL
+    assert drive.is_in(Mode.MANUAL)
     drive.press_button()
     drive.engage(0.2)
-    assert drive.mode is Mode.AUTOMATIC, drive.state.why_not_engaged
+    assert drive.is_in(Mode.AUTOMATIC), drive.state.why_not_engaged
     drive.run(2.0)
-    assert drive.mode is Mode.AUTOMATIC, drive.log()
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
     assert drive.speed == pytest.approx(5.0, abs=0.3)
 
 
 def test_nobody_is_engaged_without_the_button() -> None:
     drive = Drive().start()
     drive.engage(0.5)
-    assert drive.mode is Mode.MANUAL
+    assert drive.is_in(Mode.MANUAL)
     assert "button" in drive.state.why_not_engaged
 
 
@@ -102,7 +102,7 @@ def test_nobody_is_engaged_without_a_request() -> None:
     drive = Drive().start()
     drive.press_button()
     drive.run(1.0)
-    assert drive.mode is Mode.READY
+    assert drive.is_in(Mode.READY)
     assert drive.car.truth.motor_torque_nm == pytest.approx(0.0, abs=0.01)
 
 
@@ -110,7 +110,7 @@ def test_ready_ends_by_itself() -> None:
     drive = Drive().start()
     drive.press_button()
     drive.run(TABBY.times.ready_timeout_s + 0.5)
-    assert drive.mode is Mode.MANUAL
+    assert drive.is_in(Mode.MANUAL)
 
 
 def brake_under_the_driver(drive: Drive) -> None:
@@ -147,17 +147,17 @@ def test_nothing_brakes_under_a_driver_in_manual(cause: str) -> None:
     for _ in range(20):
         drive.run(0.1)
         brake_under_the_driver(drive)
-    assert drive.mode is Mode.MANUAL
+    assert drive.is_in(Mode.MANUAL)
 
 
 def test_a_code_in_manual_denies_engagement_and_says_so() -> None:
     drive = Drive().start()
     drive.car.faults.steering_motor_fault = True
     drive.run(0.2)
-    assert ErrorCode.ER4 in drive.state.codes
+    assert ErrorCode.ER4 in drive.codes
     drive.press_button()
     drive.engage(0.3)
-    assert drive.mode is Mode.READY
+    assert drive.is_in(Mode.READY)
     assert drive.state.why_not_engaged
 
 
@@ -166,23 +166,23 @@ def test_emergency_is_latched_until_reset_at_standstill_with_every_cause_gone() 
     drive.car.driver.emergency_stop_pressed = True
     drive.run(0.1)
     drive.request(Request.RESET)
-    assert drive.mode is Mode.EMERGENCY  # moving
+    assert drive.is_in(Mode.EMERGENCY)  # moving
     assert drive.brakes_to_standstill()
     drive.run(0.5)
     drive.request(Request.RESET, 1.2)  # the request lapses after 1 s
-    assert drive.mode is Mode.EMERGENCY  # still pressed
+    assert drive.is_in(Mode.EMERGENCY)  # still pressed
     drive.car.driver.emergency_stop_pressed = False
     drive.run(1.0)
-    assert drive.mode is Mode.EMERGENCY  # nothing clears by itself
+    assert drive.is_in(Mode.EMERGENCY)  # nothing clears by itself
     epoch = drive.supervisor.reset_epoch
     drive.request(Request.RESET)
-    assert drive.mode is Mode.MANUAL, drive.log()
+    assert drive.is_in(Mode.MANUAL), drive.log()
     assert drive.supervisor.reset_epoch == (epoch + 1) % 16
     drive.run(1.5)
-    assert drive.state.codes == ()
+    assert drive.codes == ()
     drive.press_button()
     drive.engage(0.2)
-    assert drive.mode is Mode.AUTOMATIC, drive.state.why_not_engaged
+    assert drive.is_in(Mode.AUTOMATIC), drive.state.why_not_engaged
 
 
 def test_the_driver_at_the_brake_does_not_end_an_emergency() -> None:
@@ -191,7 +191,7 @@ def test_the_driver_at_the_brake_does_not_end_an_emergency() -> None:
     drive.car.driver.brake_pedal_ratio = 1.0
     drive.car.driver.steering_torque_nm = 6.0
     drive.run(0.5)
-    assert drive.mode is Mode.EMERGENCY
+    assert drive.is_in(Mode.EMERGENCY)
     assert drive.brake > 0.9
     assert drive.node_state("Steering") is NodeState.EMERGENCY
     steering = drive.world.stations["Steering"].node
@@ -207,7 +207,7 @@ def test_a_node_with_another_configuration_is_never_authorised() -> None:
     drive.start()
     drive.press_button()
     drive.engage(0.5)
-    assert drive.mode is Mode.READY
+    assert drive.is_in(Mode.READY)
     assert "brake" in drive.state.why_not_engaged.lower()
     drive.run(1.0)
-    assert drive.mode is Mode.READY
+    assert drive.is_in(Mode.READY)

@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
 
 import pytest
-from driving import Drive
 
 from canbus.frame import Frame
 from dbc.messages import SPECS, Mode
+from tests.scenarios.driving import Drive
 
 CYCLIC = sorted(spec.can_id for spec in SPECS.values() if spec.cycle_ns)
 
@@ -32,7 +33,7 @@ def test_one_lost_frame_of_any_kind_never_trips(can_id: int) -> None:
             drive.run(0.1)
         assert lost
         drive.run(0.057)
-    assert drive.mode is Mode.AUTOMATIC, drive.log()
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
     assert not drive.emergencies
 
 
@@ -52,7 +53,7 @@ def test_frames_far_more_often_than_the_dbc_allows_stop_the_car() -> None:
         for _ in range(3):  # with the gateway's own frame 200 a second
             drive.world.inject(Frame(0x202, b"\x00" * 8))
         drive.run(0.02)
-    assert drive.mode is Mode.EMERGENCY, drive.log()
+    assert drive.is_in(Mode.EMERGENCY), drive.log()
 
 
 def trace_of(seed: int) -> str:
@@ -66,11 +67,11 @@ def test_one_seed_one_trace_and_another_seed_another() -> None:
 
 
 def test_the_trace_does_not_depend_on_the_hash_seed_of_the_interpreter() -> None:
-    code = "from test_scenarios_traffic import trace_of; print(trace_of(5))"
-    folder = os.path.dirname(__file__)
+    code = "from tests.scenarios.test_scenarios_traffic import trace_of; print(trace_of(5))"
+    root = Path(__file__).parents[2]
     hashes = set()
     for hash_seed in ("0", "4711"):
-        paths = os.pathsep.join([folder, *sys.path])
+        paths = os.pathsep.join([str(root), *sys.path])
         environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "PYTHONPATH": paths}
         run = subprocess.run(
             [sys.executable, "-c", code], env=environment, capture_output=True, text=True,
@@ -92,5 +93,5 @@ def test_no_false_trip_in_a_fault_free_drive(seed: int) -> None:
     drive.run(4.0)
     drive.speed_mps = 4.0
     drive.run(5.0)
-    assert drive.mode is Mode.AUTOMATIC, drive.log()
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
     assert not drive.emergencies
