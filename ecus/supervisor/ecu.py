@@ -325,7 +325,7 @@ class SupervisorEcu:
     # What is sent ----------------------------------------------------------------------------
 
     def _brake_frames(self, now_ns: int) -> list[Frame]:
-        """EMERGENCY_BRAKE: at once, and again while an actuator node that is heard does not obey."""
+        """EMERGENCY_BRAKE: at once, and again while an actuator node that is heard disobeys."""
         cause = self._brake_cause
         if cause is None:
             return []
