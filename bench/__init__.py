@@ -1,0 +1,1 @@
+"""What the project claims in numbers, measured: `python -m bench`, kept in docs/benchmarks.md."""

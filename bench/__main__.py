@@ -1,0 +1,56 @@
+"""`python -m bench [NAME...] [--quick]`: prints each measure's tables as markdown."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import Protocol, cast
+
+import click
+
+from bench.table import Table
+
+NAMES = ("codec", "speed", "demo", "lap", "emergency")
+"""In this order: what times comes before what only computes."""
+
+
+class Result(Protocol):
+    """What a measure answers."""
+
+    def tables(self) -> list[Table]:
+        """For printing."""
+        ...
+
+
+class Measure(Protocol):
+    """A module of this package."""
+
+    def measure(self, *, quick: bool = False) -> Result:
+        """Does it."""
+        ...
+
+
+@click.command(
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="""\b
+Examples:
+  python -m bench
+  python -m bench codec speed
+  python -m bench emergency --quick""",
+)
+@click.argument("names", nargs=-1, type=click.Choice(NAMES), metavar="[NAME]...")
+@click.option("--quick", is_flag=True, help="Tiny sizes: shows that it works, measures little.")
+def main(names: tuple[str, ...], quick: bool) -> None:
+    """Measure what the project claims and print markdown tables.
+
+    NAME is one or more of codec, speed, demo, lap, emergency; without any, all of them.
+    """
+    for name in names or NAMES:
+        click.echo(f"measuring {name} ...", err=True)
+        measure = cast("Measure", import_module(f"bench.{name}"))
+        for table in measure.measure(quick=quick).tables():
+            click.echo(table.markdown())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
