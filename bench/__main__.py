@@ -9,6 +9,7 @@ from typing import Protocol, cast
 import click
 
 from bench.table import Table
+from dbw.demo import interrupt_on_sigterm
 
 NAMES = ("codec", "speed", "demo", "lap", "emergency")
 """In this order: what times comes before what only computes."""
@@ -45,11 +46,12 @@ def main(names: tuple[str, ...], quick: bool) -> None:
 
     NAME is one or more of codec, speed, demo, lap, emergency; without any, all of them.
     """
-    for name in names or NAMES:
-        click.echo(f"measuring {name} ...", err=True)
-        measure = cast("Measure", import_module(f"bench.{name}"))
-        for table in measure.measure(quick=quick).tables():
-            click.echo(table.markdown())
+    with interrupt_on_sigterm():  # workers end with their parent
+        for name in names or NAMES:
+            click.echo(f"measuring {name} ...", err=True)
+            measure = cast("Measure", import_module(f"bench.{name}"))
+            for table in measure.measure(quick=quick).tables():
+                click.echo(table.markdown())
 
 
 if __name__ == "__main__":

@@ -26,4 +26,9 @@ def spread(
     # Started afresh: a fork would carry whatever threads and memory this process has.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context) as pool:
-        return list(pool.map(work, listed, chunksize=chunk))
+        try:
+            return list(pool.map(work, listed, chunksize=chunk))
+        except BaseException:  # an interrupt too: nobody waits for minutes of work left
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise

@@ -27,6 +27,9 @@ TRAVEL_MARGIN = 1.3
 LOAD_MARGIN_RATIO = 0.02
 """Up to its holding force, and this much, the servo may stay on for ever: its continuous rating."""
 
+STOP_GROWTH_PER_S = 0.1
+"""A controlled stop that takes too long, downhill for instance, brakes harder and harder."""
+
 POSITION_RATIO_MAX = 1.2
 REAR_SPEED_RADPS_MAX = 200.0
 PERIOD_S = PERIOD_NS * 1e-9
@@ -53,6 +56,7 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
         self._pedal_ratio = 0.0
         self._wheel_speed_radps = 0.0
         self._applied_ratio = 0.0
+        self._stopping_since_ns = 0
         self._action = BrakeAction.RELEASE
 
     @property
@@ -72,6 +76,8 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
             -REAR_SPEED_RADPS_MAX,
             REAR_SPEED_RADPS_MAX,
         )
+        if self._driving_situation() is not Situation.STOPPING:
+            self._stopping_since_ns = now_ns
         self._position_ratio = sensors.servo_position_ratio
         if math.isnan(sensors.servo_position_ratio) or math.isnan(sensors.pedal_ratio):
             self.shell.add_cause(ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
@@ -107,7 +113,9 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
         if action is BrakeAction.FULL:
             return 1.0
         if action is BrakeAction.STOP:
-            return self.params.controlled_stop_ratio
+            late_s = (now_ns - self._stopping_since_ns) / NS_PER_S - self.params.controlled_stop_s
+            extra_ratio = STOP_GROWTH_PER_S * max(late_s, 0.0)
+            return min(self.params.controlled_stop_ratio + extra_ratio, 1.0)
         if action is BrakeAction.FOLLOW:
             command = self._valid_command(now_ns)
             ratio: float = 0.0 if command is None else command.position_ratio

@@ -1,7 +1,7 @@
 """What the brake servo does in each state: a total table.
 
 Rules:
-  FOLLOW the command while ACTIVE in AUTOMATIC; STOP with a fixed, comfortable force in STOPPING.
+  FOLLOW the command while ACTIVE in AUTOMATIC; STOP with a comfortable force in STOPPING.
   A safe state means FULL, however long it takes, while the car moves.
   Too long on (ER3) at standstill means REST: released to save the servo, applied again when the
   car rolls. While moving, ER3 is reported and braking goes on.

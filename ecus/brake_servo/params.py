@@ -26,6 +26,8 @@ class BrakeParams:
     command_timeout_s: float
     full_travel_s: float
     controlled_stop_ratio: float
+    controlled_stop_s: float
+    """How long that takes from top speed on the level, by the servo alone."""
     hold_ratio: float
     wheel_radius_m: float
     wheel_encoder_pulses_per_rev: float
@@ -46,6 +48,8 @@ class BrakeParams:
             command_timeout_s=vehicle.times.command_timeout_s,
             full_travel_s=brake.full_travel_s,
             controlled_stop_ratio=brake.controlled_stop_ratio,
+            controlled_stop_s=vehicle.traction.speed_mps_max
+            / (brake.controlled_stop_ratio * brake.deceleration_mps2_full),
             hold_ratio=brake.hold_ratio,
             wheel_radius_m=vehicle.geometry.wheel_radius_m,
             wheel_encoder_pulses_per_rev=brake.wheel_encoder_pulses_per_rev,

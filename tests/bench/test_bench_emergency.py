@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 
 import pytest
 
@@ -146,3 +147,9 @@ def test_a_fork_that_fails_is_not_taken_for_an_answer(capfd: pytest.CaptureFixtu
 def test_work_is_spread_in_order() -> None:
     assert spread(abs, [-3, 2, -1]) == [3, 2, 1]
     assert spread(abs, []) == []
+
+
+def test_work_that_fails_ends_its_workers() -> None:
+    with pytest.raises(ValueError, match="no number"):
+        spread(int, ["no number", "none either"])
+    assert multiprocessing.active_children() == []

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from canbus.frame import Frame
-from dbc.codec import Decoded, decode
-from dbc.messages import EmergencyBrake, ErrorCode, Mode, NodeState, Reason, Request
+from dbc.codec import Decoded, decode, encode
+from dbc.endpoint import SPEC_OF_NAME
+from dbc.messages import (
+    EmergencyBrake,
+    ErrorCode,
+    Inhibit,
+    Mode,
+    ModeRequest,
+    NodeState,
+    Reason,
+    Request,
+    SupervisorState,
+)
+from dbc.protection import COUNTER_MODULO
 from ecus.supervisor.ecu import SupervisorEcu
 from gateway.commands import Decision
 from gateway.core import PlannerInputs
@@ -18,6 +31,7 @@ from vehicles import Vehicle, load_vehicle
 
 TABBY = load_vehicle("tabby_evo")
 TICK_S = 0.02
+STRANGER = "stranger"
 START_S = 1.0
 """Time in which every node has started and the monitor has seen half a second of health."""
 
@@ -165,3 +179,64 @@ class Drive:
             f"{true_ns / 1e9:.3f} {event.node} {event.kind} {event.text}"
             for true_ns, event in self.world.events
         )
+
+
+def ready(seed: int = 1) -> Drive:
+    """A standing car in READY."""
+    drive = Drive(seed).start()
+    drive.press_button()
+    assert drive.is_in(Mode.READY)
+    return drive
+
+
+def stopped_in_emergency(slope_rad: float = 0.0) -> Drive:
+    """A car that stands in EMERGENCY, its brake full, on a slope."""
+    drive = Drive().go(3.0)
+    drive.request(Request.EMERGENCY_STOP)
+    assert drive.brakes_to_standstill()
+    drive.run(1.0)
+    drive.car.faults.slope_rad = slope_rad
+    return drive
+
+
+def displace(drive: Drive, name: str, message: Any) -> None:
+    """From now on two forged frames, in sequence, follow each true one of this message."""
+    spec = SPEC_OF_NAME[name]
+
+    def witness(true_ns: int, sender: str, frame: Frame) -> None:
+        if sender == STRANGER or frame.can_id != spec.can_id:
+            return
+        counter = frame.data[1] & 0xF
+        forged = [encode(spec, message, (counter + n) % COUNTER_MODULO) for n in (1, 2)]
+        drive.world.kernel.at(
+            true_ns, 0, lambda now_ns: drive.world.wire.send(now_ns, STRANGER, forged)
+        )
+
+    drive.world.wire.witnesses.append(witness)
+
+
+def ask_as_stranger(drive: Drive, request: Request) -> None:
+    """Two MODE_REQUEST frames in sequence: the supervisor believes the second."""
+    message = ModeRequest(request=request, planner_period_ms=20, sequence=200)
+    for counter in (6, 7):
+        drive.world.inject(encode(SPEC_OF_NAME["MODE_REQUEST"], message, counter))
+
+
+def supervisor_state(mode: Mode, *, authorised: bool = False, epoch: int = 0) -> SupervisorState:
+    """What a stranger may say in the supervisor's place."""
+    return SupervisorState(
+        mode=mode, steering_authorised=authorised, throttle_authorised=authorised,
+        brake_authorised=authorised, er0=False, er1=False, er2=False, er3=False, er4=False,
+        er5=False, er6=False, reset_epoch=epoch, decision_age_ms_max=85, inhibit=Inhibit.NONE,
+    )
+
+
+def replay(drive: Drive, rows: list[tuple[int, Frame]]) -> None:
+    """Frames recorded elsewhere, sent again at their own pace."""
+    began_ns = drive.world.now_ns
+    for true_ns, frame in rows:
+        def send(now_ns: int, frame: Frame = frame) -> None:
+            drive.world.wire.send(now_ns, STRANGER, [frame])
+
+        drive.world.kernel.at(began_ns + true_ns, 0, send)
+    drive.run(rows[-1][0] / 1e9 + 0.1)
