@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed
 # Pytest workers; 0 runs everything in one process.
 WORKERS ?= 2
 
-.PHONY: demo test test-fast lint bench generate lock clean
+.PHONY: demo test test-fast lint bench bench-compiled compiled generate lock clean
 
 demo: $(STAMP)
 	$(BIN)/dbw demo
@@ -31,6 +31,14 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
+bench-compiled: compiled
+	PYTHONPATH=build/compiled $(BIN)/python -P -m bench speed
+
+# The hot modules compiled with mypyc, for long simulations; needs a C compiler. To use them:
+# PYTHONPATH=build/compiled .venv/bin/dbw demo
+compiled: $(STAMP)
+	$(BIN)/python compile_stack.py
+
 generate: $(STAMP)
 	$(BIN)/python -m dbc.generate
 
@@ -40,7 +48,7 @@ lock:
 		--extra demo --extra dev pyproject.toml --output-file requirements.lock
 
 clean:
-	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
+	rm -rf $(VENV) out build .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -15,6 +15,7 @@ from dbw.drive import drive
 from dbw.plan import DrivePlan, make_plan
 from dbw.virtual_stage import VirtualStage
 from planner.road import open_road
+from simulation import kernel
 from simulation.world import World
 from vehicles import load_vehicle
 
@@ -72,7 +73,7 @@ class SpeedResult:
                  f"{met(best.factor >= GOAL)} / {met(best.factor >= AIM)}" if has_goal else "")
             )
         speed = Table(
-            title="Virtual time against real time, one core",
+            title=f"Virtual time against real time, one core, {_build()}",
             command=command,
             headers=("what", "virtual, s", "CPU, s", "wall, s", "best: virtual / CPU", "median",
                      "reference loop, ms", "virtual s per reference loop",
@@ -92,6 +93,11 @@ class SpeedResult:
                    "they are.",),
         )
         return [speed, split]
+
+
+def _build() -> str:
+    is_compiled = not str(kernel.__file__).endswith(".py")
+    return "compiled (`make bench-compiled`)" if is_compiled else "interpreted"
 
 
 def measure(*, quick: bool = False) -> SpeedResult:

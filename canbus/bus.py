@@ -27,6 +27,7 @@ class BusStatistics:
         tx_failures: sends refused: transmit queue full, network down, bus-off.
         rx_dropped: overflows of the receive buffer that the controller or the driver reported;
             each stands for at least one lost frame.
+        rx_lost: frames lost in the kernel's receive queue, because nobody read it in time.
         rx_failures: reads that failed because the interface went down or away.
         error_frames: error frames among the received ones.
     """
@@ -35,6 +36,7 @@ class BusStatistics:
     received: int = 0
     tx_failures: int = 0
     rx_dropped: int = 0
+    rx_lost: int = 0
     rx_failures: int = 0
     error_frames: int = 0
 

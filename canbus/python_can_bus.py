@@ -13,9 +13,19 @@ import can
 
 from canbus.bus import BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
+from canbus.socketcan import Arrivals, make_room, receive_drops
+
+SOCKETCAN = "socketcan"
 
 RECEIVE_FRAMES_MAX = 4096
 """Most frames one `receive` returns, so that a flood cannot keep the caller from its deadline."""
+
+GONE = (errno.ENODEV, errno.ENXIO)
+"""Errors of a socket whose device was removed (a USB adapter): it never comes back to life, not
+even when the device does. One whose link is merely down does (ENETDOWN, told once)."""
+
+REOPEN_INTERVAL_NS = 1_000_000_000
+"""How often a device that was removed is looked for."""
 
 # python-can logs what it also raises; without a handler Python prints that to stderr, beside our
 # own line. An application that wants the log installs its handler as usual.
@@ -31,6 +41,10 @@ class PythonCanBus:
         bitrate: bit/s, for interfaces that set it themselves; SocketCAN takes it from `ip link`.
         clock: monotonic time in ns. Arrival is the time at which the frame is read through this
             clock, so it is later than the wire by the reader's latency, never earlier.
+        realtime: the system's clock in ns since 1970. With it, arrival on SocketCAN is taken from
+            the kernel's stamp (`canbus.socketcan.Arrivals`): the reader's latency is gone.
+        backlog_frames: how many frames the kernel is to keep on SocketCAN while nobody reads; None
+            leaves it the system's choice.
         acceptance: identifiers to hand on, None for all. Filtered in the kernel on SocketCAN, and
             here in any case. It looks at the identifier alone: remote, extended and FD frames with
             an accepted identifier pass, to be counted by their receiver. Error frames always pass.
@@ -45,8 +59,10 @@ class PythonCanBus:
         channel: str,
         *,
         clock: Callable[[], int],
+        realtime: Callable[[], int] | None = None,
         bitrate: int | None = None,
         acceptance: frozenset[int] | None = None,
+        backlog_frames: int | None = None,
     ) -> None:
         if bitrate is not None and bitrate <= 0:
             raise ValueError(f"bitrate: {bitrate} bit/s; must be above 0")
@@ -57,12 +73,19 @@ class PythonCanBus:
         self._channel = channel
         self._bitrate = bitrate
         self._clock = clock
+        self._realtime = realtime
         self._acceptance = acceptance
+        self._backlog_frames = backlog_frames
         self._bus: can.BusABC | None = None
+        self._socket: socket.socket | None = None
+        self._arrivals: Arrivals | None = None
+        self._is_gone = False
+        self._reopen_ns = 0
         self._sent = 0
         self._received = 0
         self._tx_failures = 0
         self._rx_dropped = 0
+        self._rx_lost = 0
         self._rx_failures = 0
         self._error_frames = 0
 
@@ -73,10 +96,18 @@ class PythonCanBus:
             BusError: it cannot be opened; the message is one line with the way out.
         """
         assert self._bus is None, "the bus is already open"
+        self._open()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Close the interface."""
+        self.close()
+
+    def _open(self) -> None:
         options: dict[str, Any] = {}
         if self._bitrate is not None:
             options["bitrate"] = self._bitrate
-        if self._acceptance is not None and self._interface == "socketcan":
+        if self._acceptance is not None and self._interface == SOCKETCAN:
             # Elsewhere python-can filters in software, and then `recv(0)` returns None at the
             # first unwanted frame although wanted ones wait behind it.
             options["can_filters"] = [
@@ -88,17 +119,20 @@ class PythonCanBus:
             )
         except Exception as error:  # drivers raise whatever they like, NameError included
             raise BusError(_reason(self._interface, self._channel, error)) from error
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Close the interface."""
-        self.close()
+        if self._interface == SOCKETCAN:
+            self._socket = getattr(self._bus, "socket", None)
+        if self._socket is not None and self._backlog_frames is not None:
+            make_room(self._socket, self._backlog_frames)
+        if self._socket is not None and self._realtime is not None:
+            self._arrivals = Arrivals(self._realtime, self._clock())
 
     def close(self) -> None:
         """Close the interface; closing twice is harmless."""
+        self._is_gone = False
         if self._bus is not None:
+            self._rx_lost += self._lost_in_queue()
             self._bus.shutdown()
-            self._bus = None
+            self._bus = self._socket = self._arrivals = None
 
     def send(self, frame: Frame) -> bool:
         """Hand `frame` to the driver without waiting.
@@ -107,11 +141,15 @@ class PythonCanBus:
             False when the driver refused it (transmit queue full, network down, bus-off); the
             frame is then gone, on purpose: a command that leaves late is an old decision.
         """
+        if self._is_gone:
+            self._tx_failures += 1
+            return False
         assert self._bus is not None, "the bus is not open"
         try:
             self._bus.send(_to_message(frame), timeout=0)
-        except (can.CanError, OSError):
+        except (can.CanError, OSError) as error:
             self._tx_failures += 1
+            self._check_gone(error)
             return False
         self._sent += 1
         return True
@@ -122,20 +160,28 @@ class PythonCanBus:
         Returns:
             Frames in order of reception, each with its arrival time; empty after the timeout or
             when the interface failed (counted as `rx_failures`; the rest of the time is waited
-            out, so that a caller in a loop does not spin).
+            out, so that a caller in a loop does not spin). An interface that is down or gone is
+            silent, until it is back.
         """
-        assert self._bus is not None, "the bus is not open"
         frames: list[ReceivedFrame] = []
-        deadline_ns = self._clock() + timeout_ns
+        now_ns = self._clock()
+        deadline_ns = now_ns + timeout_ns
+        if self._is_gone and not self._reopen(now_ns):
+            self._wait_until(deadline_ns)
+            return frames
+        assert self._bus is not None, "the bus is not open"
         wait_ns = max(0, timeout_ns)
         for _ in range(RECEIVE_FRAMES_MAX):
             try:
                 message = self._bus.recv(wait_ns / 1e9)
-            except (can.CanError, OSError):
+            except (can.CanError, OSError) as error:
                 self._rx_failures += 1
+                self._check_gone(error)
                 self._wait_until(deadline_ns)
                 break
             if message is None:
+                if self._arrivals is not None:
+                    self._arrivals.was_empty(now_ns)
                 break
             now_ns = self._clock()
             self._take(message, now_ns, frames)
@@ -151,6 +197,7 @@ class PythonCanBus:
             received=self._received,
             tx_failures=self._tx_failures,
             rx_dropped=self._rx_dropped,
+            rx_lost=self._rx_lost + self._lost_in_queue(),
             rx_failures=self._rx_failures,
             error_frames=self._error_frames,
         )
@@ -164,7 +211,33 @@ class PythonCanBus:
         elif self._acceptance is not None and frame.can_id not in self._acceptance:
             return
         self._received += 1
+        if self._arrivals is not None:
+            now_ns = self._arrivals.arrival_ns(message.timestamp, now_ns)
         frames.append(ReceivedFrame(now_ns, frame))
+
+    def _lost_in_queue(self) -> int:
+        """Frames lost in this socket's queue; 0 for interfaces that are no socket of ours."""
+        return 0 if self._socket is None else receive_drops(self._socket)
+
+    def _check_gone(self, error: Exception) -> None:
+        """Closes the socket of a device that was removed, with whatever waits in its queues."""
+        number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+        if self._interface == SOCKETCAN and number in GONE:
+            self.close()
+            self._is_gone = True
+
+    def _reopen(self, now_ns: int) -> bool:
+        """Looks for a device that was removed; whether it is open again."""
+        if now_ns < self._reopen_ns:
+            return False
+        self._reopen_ns = now_ns + REOPEN_INTERVAL_NS
+        try:
+            socket.if_nametoindex(self._channel)
+            self._open()
+        except (OSError, BusError):
+            return False
+        self._is_gone = False
+        return True
 
     def _wait_until(self, deadline_ns: int) -> None:
         """Wait out a failed read: a dead interface fails again at once, without waiting."""
@@ -206,7 +279,7 @@ def _reason(interface: str, channel: str, error: Exception) -> str:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         return f"{where}: unknown interface name; known: {known}"
     number = getattr(error, "errno", None)
-    if interface == "socketcan":
+    if interface == SOCKETCAN:
         no_family = number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
         if no_family or not hasattr(socket, "AF_CAN"):
             return (

@@ -83,7 +83,7 @@ class Endpoint:
     @property
     def acceptance(self) -> frozenset[int]:
         """Identifiers to let through: what is subscribed and, to notice strangers, our own."""
-        return self._own | self._checks.keys()
+        return self._own.union(self._checks)
 
     def take(self, received: Sequence[ReceivedFrame]) -> list[Message]:
         """Judges frames in order of arrival; answers the believable ones that are subscribed."""

@@ -90,25 +90,26 @@ class _Field:
             self.low <= raw_low * signal.scale and raw_high * signal.scale <= self.high
         )
 
-    def _refusal(self) -> str:
-        unit = self.signal.unit or ""
-        return f'raise SignalRangeError("{self.label}", x, {self.low}, {self.high}, "{unit}")'
+    def _refusal(self, variable: str) -> str:
+        unit, limits = self.signal.unit or "", f"{self.low}, {self.high}"
+        return f'raise SignalRangeError("{self.label}", {variable}, {limits}, "{unit}")'
 
     def pack_lines(self) -> Iterator[str]:
         shift = f" << {self.signal.start}" if self.signal.start else ""
         if self.is_discrete:
             yield f"bits |= int(message.{self.name}){shift}"
             return
-        yield f"x = message.{self.name}"
-        raw = f"round(x / {self.signal.scale})" if self.signal.scale != 1 else "round(x)"
+        x = "x" if self.type == "float" else "n"  # one variable, one type
+        yield f"{x} = message.{self.name}"
+        raw = f"round({x} / {self.signal.scale})" if self.signal.scale != 1 else f"round({x})"
         first = "if"
         if self.na is not None:
-            yield f"if x != x:\n    bits |= 0x{self.na & self.mask:X}{shift}"
+            yield f"if {x} != {x}:\n    bits |= 0x{self.na & self.mask:X}{shift}"
             first = "elif"
-        yield f"{first} {self.low} <= x <= {self.high}:"
+        yield f"{first} {self.low} <= {x} <= {self.high}:"
         field = f"{raw} & 0x{self.mask:X}"
         yield f"    bits |= ({field}){shift}" if shift else f"    bits |= {field}"
-        yield f"else:\n    {self._refusal()}"
+        yield f"else:\n    {self._refusal(x)}"
 
     def unpack_lines(self) -> Iterator[str]:
         shift = f" >> {self.signal.start}" if self.signal.start else ""
@@ -137,7 +138,7 @@ class _Field:
         yield f"{indent}{name} = r{scale}{to_float}"
         if not self.every_raw_is_valid:
             yield f"{indent}if not {self.low} <= {name} <= {self.high}:"
-            yield f"{indent}    {self._refusal().replace(', x,', f', {name},')}"
+            yield f"{indent}    {self._refusal(name)}"
 
 
 def snake(name: str) -> str:
@@ -169,8 +170,6 @@ def _dataclass_lines(name: str, message: Message, fields: list[_Field]) -> list[
 def _codec_lines(name: str, fields: list[_Field]) -> list[str]:
     low = snake(name)
     out = ["", "", f"def _pack_{low}(message: {name}) -> int:"]
-    if not all(field.is_discrete for field in fields):
-        out.append("    x: float")
     out.append("    bits = 0")
     for field in fields:
         out += _indent(field.pack_lines())

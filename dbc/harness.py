@@ -31,7 +31,6 @@ class SteeringActuatorWire:
 
 
 def _pack_steering_actuator_wire(message: SteeringActuatorWire) -> int:
-    x: float
     bits = 0
     x = message.motor_duty_ratio
     if -1 <= x <= 1:
@@ -67,18 +66,17 @@ class ThrottleActuatorWire:
 
 
 def _pack_throttle_actuator_wire(message: ThrottleActuatorWire) -> int:
-    x: float
     bits = 0
-    x = message.throttle_dac_code
-    if 0 <= x <= 4095:
-        bits |= round(x) & 0xFFF
+    n = message.throttle_dac_code
+    if 0 <= n <= 4095:
+        bits |= round(n) & 0xFFF
     else:
-        raise SignalRangeError("ThrottleActuatorWire.throttle_dac_code", x, 0, 4095, "")
-    x = message.regen_dac_code
-    if 0 <= x <= 4095:
-        bits |= (round(x) & 0xFFF) << 16
+        raise SignalRangeError("ThrottleActuatorWire.throttle_dac_code", n, 0, 4095, "")
+    n = message.regen_dac_code
+    if 0 <= n <= 4095:
+        bits |= (round(n) & 0xFFF) << 16
     else:
-        raise SignalRangeError("ThrottleActuatorWire.regen_dac_code", x, 0, 4095, "")
+        raise SignalRangeError("ThrottleActuatorWire.regen_dac_code", n, 0, 4095, "")
     return bits
 
 
@@ -102,7 +100,6 @@ class BrakeActuatorWire:
 
 
 def _pack_brake_actuator_wire(message: BrakeActuatorWire) -> int:
-    x: float
     bits = 0
     x = message.servo_position_ratio
     if 0 <= x <= 1:
@@ -158,7 +155,6 @@ class SteeringSensorsWire:
 
 
 def _pack_steering_sensors_wire(message: SteeringSensorsWire) -> int:
-    x: float
     bits = 0
     x = message.column_angle_rad
     if x != x:
@@ -218,13 +214,12 @@ class ThrottleSensorsWire:
 
 
 def _pack_throttle_sensors_wire(message: ThrottleSensorsWire) -> int:
-    x: float
     bits = 0
-    x = message.encoder_count
-    if -2147483648 <= x <= 2147483647:
-        bits |= round(x) & 0xFFFFFFFF
+    n = message.encoder_count
+    if -2147483648 <= n <= 2147483647:
+        bits |= round(n) & 0xFFFFFFFF
     else:
-        raise SignalRangeError("ThrottleSensorsWire.encoder_count", x, -2147483648, 2147483647, "")
+        raise SignalRangeError("ThrottleSensorsWire.encoder_count", n, -2147483648, 2147483647, "")
     x = message.encoder_edge_age_s
     if 0 <= x <= 1.048575:
         bits |= (round(x / 1e-06) & 0xFFFFF) << 32
@@ -272,13 +267,12 @@ class BrakeEncoderWire:
 
 
 def _pack_brake_encoder_wire(message: BrakeEncoderWire) -> int:
-    x: float
     bits = 0
-    x = message.wheel_count
-    if -2147483648 <= x <= 2147483647:
-        bits |= round(x) & 0xFFFFFFFF
+    n = message.wheel_count
+    if -2147483648 <= n <= 2147483647:
+        bits |= round(n) & 0xFFFFFFFF
     else:
-        raise SignalRangeError("BrakeEncoderWire.wheel_count", x, -2147483648, 2147483647, "")
+        raise SignalRangeError("BrakeEncoderWire.wheel_count", n, -2147483648, 2147483647, "")
     x = message.wheel_edge_age_s
     if 0 <= x <= 1.048575:
         bits |= (round(x / 1e-06) & 0xFFFFF) << 32
@@ -311,7 +305,6 @@ class BrakeSensorsWire:
 
 
 def _pack_brake_sensors_wire(message: BrakeSensorsWire) -> int:
-    x: float
     bits = 0
     x = message.servo_position_ratio
     if x != x:
@@ -389,7 +382,6 @@ class DriverHandsWire:
 
 
 def _pack_driver_hands_wire(message: DriverHandsWire) -> int:
-    x: float
     bits = 0
     x = message.steering_torque_nm
     if -100 <= x <= 100:
@@ -446,7 +438,6 @@ class PlantPositionWire:
 
 
 def _pack_plant_position_wire(message: PlantPositionWire) -> int:
-    x: float
     bits = 0
     x = message.x_m
     if -200000 <= x <= 200000:
@@ -490,7 +481,6 @@ class PlantMotionWire:
 
 
 def _pack_plant_motion_wire(message: PlantMotionWire) -> int:
-    x: float
     bits = 0
     x = message.heading_rad
     if -8 <= x <= 8:

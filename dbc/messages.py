@@ -212,14 +212,13 @@ class Nmt:
 
 
 def _pack_nmt(message: Nmt) -> int:
-    x: float
     bits = 0
     bits |= int(message.command)
-    x = message.node_id
-    if 0 <= x <= 127:
-        bits |= (round(x) & 0xFF) << 8
+    n = message.node_id
+    if 0 <= n <= 127:
+        bits |= (round(n) & 0xFF) << 8
     else:
-        raise SignalRangeError("Nmt.node_id", x, 0, 127, "")
+        raise SignalRangeError("Nmt.node_id", n, 0, 127, "")
     return bits
 
 
@@ -263,20 +262,19 @@ class EmergencyBrake:
 
 
 def _pack_emergency_brake(message: EmergencyBrake) -> int:
-    x: float
     bits = 0
     bits |= int(message.code) << 32
     bits |= int(message.reason) << 36
-    x = message.cause_age_ms
-    if 0 <= x <= 65535:
-        bits |= (round(x) & 0xFFFF) << 44
+    n = message.cause_age_ms
+    if 0 <= n <= 65535:
+        bits |= (round(n) & 0xFFFF) << 44
     else:
-        raise SignalRangeError("EmergencyBrake.cause_age_ms", x, 0, 65535, "ms")
-    x = message.reset_epoch
-    if 0 <= x <= 15:
-        bits |= (round(x) & 0xF) << 60
+        raise SignalRangeError("EmergencyBrake.cause_age_ms", n, 0, 65535, "ms")
+    n = message.reset_epoch
+    if 0 <= n <= 15:
+        bits |= (round(n) & 0xF) << 60
     else:
-        raise SignalRangeError("EmergencyBrake.reset_epoch", x, 0, 15, "")
+        raise SignalRangeError("EmergencyBrake.reset_epoch", n, 0, 15, "")
     return bits
 
 
@@ -310,25 +308,24 @@ class Emcy:
 
 
 def _pack_emcy(message: Emcy) -> int:
-    x: float
     bits = 0
-    x = message.error_code
-    if 0 <= x <= 65535:
-        bits |= round(x) & 0xFFFF
+    n = message.error_code
+    if 0 <= n <= 65535:
+        bits |= round(n) & 0xFFFF
     else:
-        raise SignalRangeError("Emcy.error_code", x, 0, 65535, "")
-    x = message.error_register
-    if 0 <= x <= 255:
-        bits |= (round(x) & 0xFF) << 16
+        raise SignalRangeError("Emcy.error_code", n, 0, 65535, "")
+    n = message.error_register
+    if 0 <= n <= 255:
+        bits |= (round(n) & 0xFF) << 16
     else:
-        raise SignalRangeError("Emcy.error_register", x, 0, 255, "")
+        raise SignalRangeError("Emcy.error_register", n, 0, 255, "")
     bits |= int(message.er_code) << 24
     bits |= int(message.reason) << 32
-    x = message.er_bits
-    if 0 <= x <= 255:
-        bits |= (round(x) & 0xFF) << 40
+    n = message.er_bits
+    if 0 <= n <= 255:
+        bits |= (round(n) & 0xFF) << 40
     else:
-        raise SignalRangeError("Emcy.er_bits", x, 0, 255, "")
+        raise SignalRangeError("Emcy.er_bits", n, 0, 255, "")
     return bits
 
 
@@ -381,7 +378,6 @@ class SupervisorState:
 
 
 def _pack_supervisor_state(message: SupervisorState) -> int:
-    x: float
     bits = 0
     bits |= int(message.mode) << 32
     bits |= int(message.steering_authorised) << 35
@@ -394,11 +390,11 @@ def _pack_supervisor_state(message: SupervisorState) -> int:
     bits |= int(message.er4) << 42
     bits |= int(message.er5) << 43
     bits |= int(message.er6) << 44
-    x = message.reset_epoch
-    if 0 <= x <= 15:
-        bits |= (round(x) & 0xF) << 45
+    n = message.reset_epoch
+    if 0 <= n <= 15:
+        bits |= (round(n) & 0xF) << 45
     else:
-        raise SignalRangeError("SupervisorState.reset_epoch", x, 0, 15, "")
+        raise SignalRangeError("SupervisorState.reset_epoch", n, 0, 15, "")
     x = message.decision_age_ms_max
     if 0 <= x <= 1270:
         bits |= (round(x / 5) & 0xFF) << 49
@@ -456,7 +452,6 @@ class SteerStatus:
 
 
 def _pack_steer_status(message: SteerStatus) -> int:
-    x: float
     bits = 0
     x = message.steering_wheel_angle_rad
     if x != x:
@@ -511,7 +506,6 @@ class ThrottleStatus:
 
 
 def _pack_throttle_status(message: ThrottleStatus) -> int:
-    x: float
     bits = 0
     x = message.wheel_speed_radps
     if x != x:
@@ -568,7 +562,6 @@ class BrakeStatus:
 
 
 def _pack_brake_status(message: BrakeStatus) -> int:
-    x: float
     bits = 0
     x = message.servo_position_ratio
     if x != x:
@@ -638,20 +631,19 @@ class SafetyVerdict:
 
 
 def _pack_safety_verdict(message: SafetyVerdict) -> int:
-    x: float
     bits = 0
     bits |= int(message.verdict) << 32
     bits |= int(message.reason) << 34
-    x = message.identifier
-    if 0 <= x <= 2047:
-        bits |= (round(x) & 0x7FF) << 40
+    n = message.identifier
+    if 0 <= n <= 2047:
+        bits |= (round(n) & 0x7FF) << 40
     else:
-        raise SignalRangeError("SafetyVerdict.identifier", x, 0, 2047, "")
-    x = message.value
-    if -4096 <= x <= 4095:
-        bits |= (round(x) & 0x1FFF) << 51
+        raise SignalRangeError("SafetyVerdict.identifier", n, 0, 2047, "")
+    n = message.value
+    if -4096 <= n <= 4095:
+        bits |= (round(n) & 0x1FFF) << 51
     else:
-        raise SignalRangeError("SafetyVerdict.value", x, -4096, 4095, "")
+        raise SignalRangeError("SafetyVerdict.value", n, -4096, 4095, "")
     return bits
 
 
@@ -684,19 +676,18 @@ class ModeRequest:
 
 
 def _pack_mode_request(message: ModeRequest) -> int:
-    x: float
     bits = 0
     bits |= int(message.request) << 32
-    x = message.planner_period_ms
-    if 0 <= x <= 1023:
-        bits |= (round(x) & 0x3FF) << 36
+    n = message.planner_period_ms
+    if 0 <= n <= 1023:
+        bits |= (round(n) & 0x3FF) << 36
     else:
-        raise SignalRangeError("ModeRequest.planner_period_ms", x, 0, 1023, "ms")
-    x = message.sequence
-    if 0 <= x <= 255:
-        bits |= (round(x) & 0xFF) << 46
+        raise SignalRangeError("ModeRequest.planner_period_ms", n, 0, 1023, "ms")
+    n = message.sequence
+    if 0 <= n <= 255:
+        bits |= (round(n) & 0xFF) << 46
     else:
-        raise SignalRangeError("ModeRequest.sequence", x, 0, 255, "")
+        raise SignalRangeError("ModeRequest.sequence", n, 0, 255, "")
     return bits
 
 
@@ -724,7 +715,6 @@ class SteerCommand:
 
 
 def _pack_steer_command(message: SteerCommand) -> int:
-    x: float
     bits = 0
     x = message.steering_wheel_angle_rad
     if x != x:
@@ -772,7 +762,6 @@ class ThrottleCommand:
 
 
 def _pack_throttle_command(message: ThrottleCommand) -> int:
-    x: float
     bits = 0
     x = message.wheel_speed_radps
     if x != x:
@@ -820,7 +809,6 @@ class BrakeCommand:
 
 
 def _pack_brake_command(message: BrakeCommand) -> int:
-    x: float
     bits = 0
     x = message.position_ratio
     if x != x:
@@ -883,7 +871,6 @@ class SteerDriver:
 
 
 def _pack_steer_driver(message: SteerDriver) -> int:
-    x: float
     bits = 0
     x = message.torque_nm
     if x != x:
@@ -901,11 +888,11 @@ def _pack_steer_driver(message: SteerDriver) -> int:
     bits |= int(message.er4) << 52
     bits |= int(message.er5) << 53
     bits |= int(message.er6) << 54
-    x = message.present_codes
-    if 0 <= x <= 127:
-        bits |= (round(x) & 0x7F) << 55
+    n = message.present_codes
+    if 0 <= n <= 127:
+        bits |= (round(n) & 0x7F) << 55
     else:
-        raise SignalRangeError("SteerDriver.present_codes", x, 0, 127, "")
+        raise SignalRangeError("SteerDriver.present_codes", n, 0, 127, "")
     return bits
 
 
@@ -973,7 +960,6 @@ class ThrottleDriver:
 
 
 def _pack_throttle_driver(message: ThrottleDriver) -> int:
-    x: float
     bits = 0
     x = message.pedal_ratio
     if x != x:
@@ -991,11 +977,11 @@ def _pack_throttle_driver(message: ThrottleDriver) -> int:
     bits |= int(message.er4) << 52
     bits |= int(message.er5) << 53
     bits |= int(message.er6) << 54
-    x = message.present_codes
-    if 0 <= x <= 127:
-        bits |= (round(x) & 0x7F) << 55
+    n = message.present_codes
+    if 0 <= n <= 127:
+        bits |= (round(n) & 0x7F) << 55
     else:
-        raise SignalRangeError("ThrottleDriver.present_codes", x, 0, 127, "")
+        raise SignalRangeError("ThrottleDriver.present_codes", n, 0, 127, "")
     return bits
 
 
@@ -1061,7 +1047,6 @@ class BrakeDriver:
 
 
 def _pack_brake_driver(message: BrakeDriver) -> int:
-    x: float
     bits = 0
     x = message.pedal_ratio
     if x != x:
@@ -1079,11 +1064,11 @@ def _pack_brake_driver(message: BrakeDriver) -> int:
     bits |= int(message.er4) << 52
     bits |= int(message.er5) << 53
     bits |= int(message.er6) << 54
-    x = message.present_codes
-    if 0 <= x <= 127:
-        bits |= (round(x) & 0x7F) << 55
+    n = message.present_codes
+    if 0 <= n <= 127:
+        bits |= (round(n) & 0x7F) << 55
     else:
-        raise SignalRangeError("BrakeDriver.present_codes", x, 0, 127, "")
+        raise SignalRangeError("BrakeDriver.present_codes", n, 0, 127, "")
     return bits
 
 
@@ -1133,28 +1118,27 @@ class Sdo:
 
 
 def _pack_sdo(message: Sdo) -> int:
-    x: float
     bits = 0
-    x = message.specifier
-    if 0 <= x <= 255:
-        bits |= round(x) & 0xFF
+    n = message.specifier
+    if 0 <= n <= 255:
+        bits |= round(n) & 0xFF
     else:
-        raise SignalRangeError("Sdo.specifier", x, 0, 255, "")
-    x = message.index
-    if 0 <= x <= 65535:
-        bits |= (round(x) & 0xFFFF) << 8
+        raise SignalRangeError("Sdo.specifier", n, 0, 255, "")
+    n = message.index
+    if 0 <= n <= 65535:
+        bits |= (round(n) & 0xFFFF) << 8
     else:
-        raise SignalRangeError("Sdo.index", x, 0, 65535, "")
-    x = message.subindex
-    if 0 <= x <= 255:
-        bits |= (round(x) & 0xFF) << 24
+        raise SignalRangeError("Sdo.index", n, 0, 65535, "")
+    n = message.subindex
+    if 0 <= n <= 255:
+        bits |= (round(n) & 0xFF) << 24
     else:
-        raise SignalRangeError("Sdo.subindex", x, 0, 255, "")
-    x = message.payload
-    if 0 <= x <= 4294967295:
-        bits |= (round(x) & 0xFFFFFFFF) << 32
+        raise SignalRangeError("Sdo.subindex", n, 0, 255, "")
+    n = message.payload
+    if 0 <= n <= 4294967295:
+        bits |= (round(n) & 0xFFFFFFFF) << 32
     else:
-        raise SignalRangeError("Sdo.payload", x, 0, 4294967295, "")
+        raise SignalRangeError("Sdo.payload", n, 0, 4294967295, "")
     return bits
 
 

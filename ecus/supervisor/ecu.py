@@ -132,7 +132,9 @@ class SupervisorEcu:
         self._change_mode(now_ns, event, faults)
         frames += self._brake_frames(now_ns)
         shell.report(latch=self.mode in DRIVING_MODES or self.mode is Mode.EMERGENCY)
-        self.inhibit = inhibit(replace(situation, mode=self.mode))
+        if self.mode is not situation.mode:
+            situation = replace(situation, mode=self.mode)
+        self.inhibit = inhibit(situation)
         shell.apply_mode(self.mode)
         frames.append(self._state_frame(now_ns))
         frames += self._starts(now_ns)
