@@ -18,7 +18,7 @@ test: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) -m "not wall_clock" \
 		--cov --cov-report=
 	$(BIN)/python -m pytest tests/gateway -m wall_clock --cov --cov-append --cov-report=
-	$(BIN)/python -m coverage report --fail-under=99
+	$(BIN)/python -m coverage report --fail-under=100
 	$(BIN)/python -m pytest -m wall_clock
 
 test-fast: $(STAMP)
