@@ -40,6 +40,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("gateway.commands", "CommandError"),
         ("canbus.bus", "BusError"),
         ("runtime.errors", "LaunchError"),
+        ("runtime.vm.host", "VmError"),
         ("telemetry.folder", "FolderError"),
     )
     kinds = tuple(
