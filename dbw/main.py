@@ -31,7 +31,27 @@ COMMANDS = {
 """Command to its module, imported when it is used, and its line in the overview."""
 
 
-class LazyGroup(click.Group):
+class PlainGroup(click.Group):
+    """A group that shows its help when called bare, and answers a wrong name with the right ones."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click's, but no arguments at all are a question, not a mistake."""
+        if not args and not ctx.resilient_parsing:
+            click.echo(ctx.get_help())
+            ctx.exit()
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but an unknown command's error names the known ones."""
+        known = self.list_commands(ctx)
+        if args and not args[0].startswith("-") and args[0] not in known:
+            raise click.UsageError(f"no command {args[0]!r}: allowed {', '.join(known)}")
+        return super().resolve_command(ctx, args)
+
+
+class LazyGroup(PlainGroup):
     """A group that imports a command's module when the command is wanted, and not for `--help`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -45,14 +65,6 @@ class LazyGroup(click.Group):
         command = getattr(importlib.import_module(COMMANDS[cmd_name][0]), cmd_name)
         assert isinstance(command, click.Command)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click's, but an unknown command's error names the known ones."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            raise click.UsageError(f"no command {args[0]!r}: allowed {', '.join(COMMANDS)}")
-        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The overview, without importing anything."""
@@ -75,8 +87,6 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, is_wanted: bo
 
 @click.group(
     cls=LazyGroup,
-    no_args_is_help=False,
-    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.option(
@@ -87,8 +97,7 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, is_wanted: bo
     callback=_print_version,
     help="Show the version and exit.",
 )
-@click.pass_context
-def cli(ctx: click.Context) -> None:
+def cli() -> None:
     """Drive-by-wire on CAN: a stack of ECUs, a car to try it on, a planner to drive it.
 
     Exit codes: 0 done, 1 the drive or the stack failed, 2 a mistake in what was asked for,
@@ -98,8 +107,6 @@ def cli(ctx: click.Context) -> None:
     Example:
       dbw demo
     """
-    if ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import click
 
 from dbw.failures import UserMistake
+
+BITRATE_BPS_MAX = 1_000_000
+"""Classical CAN's (ISO 11898-1)."""
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
@@ -43,6 +47,21 @@ class BusName(click.ParamType[str]):
         if not text or not text.isprintable() or " " in text:
             self.fail(f"{text!r}: a name without blanks is wanted")
         return text
+
+
+class CpuNumbers(click.ParamType[tuple[int, ...]]):
+    """Numbers of processors, as in 1,2."""
+
+    name = "numbers"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """The numbers; fails as click does."""
+        parts = str(value).split(",")
+        if not all(part.isascii() and part.isdecimal() and len(part) < 5 for part in parts):
+            self.fail(f"{value!r}: numbers of processors with commas are wanted, as in 1,2")
+        return tuple(sorted({int(part) for part in parts}))
 
 
 def bus_options(command: CommandT) -> CommandT:
@@ -88,6 +107,53 @@ def vehicle_option(command: CommandT) -> CommandT:
         metavar="NAME|FILE.toml",
         help="What the nodes believe about the car.",
     )(command)
+
+
+def bitrate_option(command: CommandT) -> CommandT:
+    """`--bitrate`."""
+    return click.option(
+        "--bitrate",
+        "bitrate_bps",
+        type=WholeNumber(1, BITRATE_BPS_MAX),
+        default=None,
+        metavar="BPS",
+        help="For interfaces that set it themselves; SocketCAN has it from `ip link`.  "
+        "[default: the vehicle's]",
+    )(command)
+
+
+def realtime_options(command: Callable[..., int]) -> Callable[..., int]:
+    """`--realtime`, `--lock-memory` and `--cpus`, handed on together as `realtime`."""
+
+    @click.option(
+        "--realtime",
+        "scheduling",
+        default="auto",
+        show_default=True,
+        metavar="auto|off|fifo:PRIO|rr:PRIO",
+        help="Scheduling and its priority, 1 to 99. What is named must be granted; auto takes "
+        "rr:10 if it can have it.",
+    )
+    @click.option(
+        "--lock-memory", is_flag=True, help="Never page memory out (about 150 MB per process)."
+    )
+    @click.option(
+        "--cpus",
+        type=CpuNumbers(),
+        default=None,
+        metavar="N,N",
+        help="Processors to run on.  [default: all]",
+    )
+    @functools.wraps(command)
+    def run(
+        *, scheduling: str, lock_memory: bool, cpus: tuple[int, ...] | None, **others: Any
+    ) -> int:
+        from runtime.realtime import RealtimeSettings
+
+        realtime = RealtimeSettings(scheduling=scheduling, lock_memory=lock_memory, cpus=cpus or ())
+        return command(realtime=realtime, **others)
+
+    return run
 
 
 def check_two_buses(channel: str, harness_channel: str) -> None:

@@ -8,16 +8,19 @@ import click
 
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake
 from dbw.options import (
+    bitrate_option,
     bus_options,
     channel_option,
     check_two_buses,
     interface_option,
+    realtime_options,
     vehicle_option,
 )
 
 if TYPE_CHECKING:
     from canbus.node import Event
     from runtime.launch import StackState
+    from runtime.realtime import RealtimeSettings
     from runtime.status import BusStatus
 
 NO_PLANT = "none"
@@ -27,10 +30,12 @@ NO_PLANT = "none"
     epilog="""\b
 Examples:
   dbw up --interface socketcan --channel vcan0 --harness-channel vcan1
-  dbw up --interface socketcan --channel can0 --harness-channel vcan1 --plant none"""
+  dbw up --interface socketcan --channel can0 --harness-channel vcan1 --plant none
+  dbw up --channel can0 --plant none --realtime fifo:40 --lock-memory --cpus 2,3"""
 )
 @interface_option
 @bus_options
+@bitrate_option
 @vehicle_option
 @click.option(
     "--plant",
@@ -38,14 +43,25 @@ Examples:
     metavar="NAME|none",
     help="The simulated car behind the harness; none on a real car.  [default: the vehicle's]",
 )
-def up(interface: str, channel: str, harness_channel: str, vehicle: str, plant: str | None) -> int:
+@realtime_options
+def up(
+    interface: str,
+    channel: str,
+    harness_channel: str,
+    bitrate_bps: int | None,
+    vehicle: str,
+    plant: str | None,
+    realtime: RealtimeSettings,
+) -> int:
     """Start all nodes and the car, each in a process of its own.
 
     Runs until Ctrl-C, SIGTERM or `dbw down`; then the car is stopped first, and the nodes after
-    it. A node that dies is reported by name, and the others bring the car to a stand.
+    it. A node that dies or hangs is reported by name, and the others bring the car to a stand.
+    Under systemd it tells when it is ready, and pings the watchdog as long as every node lives.
     """
     from runtime.launch import ProcessStack, StackSettings
     from runtime.nodes import NODES
+    from runtime.realtime import apply_realtime
     from runtime.stopping import StopRequest
 
     with_plant = _wants_plant(vehicle, plant)
@@ -55,9 +71,13 @@ def up(interface: str, channel: str, harness_channel: str, vehicle: str, plant: 
         harness_channel=harness_channel,
         vehicle=vehicle,
         with_plant=with_plant,
+        bitrate_bps=bitrate_bps,
+        realtime=realtime,
     )
     check_two_buses(channel, harness_channel)
-    _open_once(interface, channel, harness_channel)
+    _open_once(interface, bitrate_bps, channel, harness_channel)
+    # Its watchdog must not starve beside nodes that run first; and one line tells what is refused.
+    apply_realtime(realtime)
     with StopRequest() as stop, ProcessStack(settings, report=_say) as stack:
         click.echo(
             f"{len(NODES)} nodes{' and the plant' if with_plant else ''} on {interface} {channel}, "
@@ -83,13 +103,13 @@ def _wants_plant(vehicle: str, plant: str | None) -> bool:
     return True
 
 
-def _open_once(interface: str, *channels: str) -> None:
+def _open_once(interface: str, bitrate_bps: int | None, *channels: str) -> None:
     """Opens each bus once, so that one line tells what six processes would tell six times."""
     from canbus.python_can_bus import PythonCanBus
     from runtime.clock import monotonic_ns
 
     for channel in channels:
-        with PythonCanBus(interface, channel, clock=monotonic_ns):
+        with PythonCanBus(interface, channel, clock=monotonic_ns, bitrate=bitrate_bps):
             pass
 
 
@@ -107,16 +127,27 @@ Examples:
 @click.argument("name", default="")
 @interface_option
 @bus_options
+@bitrate_option
 @vehicle_option
-def ecu(name: str, interface: str, channel: str, harness_channel: str, vehicle: str) -> int:
+@realtime_options
+def ecu(
+    name: str,
+    interface: str,
+    channel: str,
+    harness_channel: str,
+    bitrate_bps: int | None,
+    vehicle: str,
+    realtime: RealtimeSettings,
+) -> int:
     """Run a single node until Ctrl-C.
 
     NAME: steering, throttle, brake_servo, supervisor, safety_monitor, or plant for the simulated
     car. What the node reports goes to stderr.
     """
-    from runtime.node_process import ProcessSettings, run_node_process
+    from runtime.node_process import run_node_process
     from runtime.nodes import NODES, PLANT, node_entry
     from runtime.plant_process import run_plant_process
+    from runtime.process_settings import ProcessSettings
 
     if not name:
         raise UserMistake(f"NAME is missing: allowed {', '.join((*NODES, PLANT))}")
@@ -129,6 +160,8 @@ def ecu(name: str, interface: str, channel: str, harness_channel: str, vehicle: 
         interface=interface,
         channel=channel,
         harness_channel=harness_channel,
+        bitrate_bps=bitrate_bps,
+        realtime=realtime,
     )
     run = run_plant_process if name == PLANT else run_node_process
     return run(settings, _say).exit_code

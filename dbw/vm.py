@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dbw.failures import EXIT_INTERRUPTED, UserMistake
+from dbw.main import PlainGroup
 
 if TYPE_CHECKING:
     from runtime.vm import Image
@@ -21,6 +22,7 @@ SHELL = "/bin/bash"
 
 
 @click.group(
+    cls=PlainGroup,
     epilog="""\b
 Examples:
   dbw vm run -- candump -n 1 vcan0
@@ -121,8 +123,6 @@ def _run(
     from runtime.stopping import StopRequest
     from runtime.vm import Machine, MachineSettings, VmError
 
-    if not timeout > 0:
-        raise UserMistake(f"--timeout {timeout:g}: allowed above 0")
     settings = MachineSettings(
         cpus=cpus,
         memory_mib=memory,

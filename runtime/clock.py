@@ -19,3 +19,9 @@ def monotonic_ns() -> int:
     processes keep their phases to each other.
     """
     return time.monotonic_ns()
+
+
+def realtime_ns() -> int:
+    """The system's clock in ns since 1970, which may be set at any time: only to be compared with
+    the kernel's stamps on frames."""
+    return time.time_ns()

@@ -21,7 +21,7 @@ from runtime.harness import HarnessPort, harness_frame
 from runtime.node_process import NodeResult, run_node
 from runtime.nodes import NODES, PLANT, STOP_ORDER, build_node, build_wires, node_entry
 from runtime.plant_process import ACCEPTANCE, PLANT_NODE, PlantSide, build_car, run_plant
-from runtime.priority import prefer_realtime
+from runtime.realtime import RealtimeSettings, apply_realtime
 from simulation.plant.state import Pose, Truth
 from vehicles import Vehicle
 
@@ -81,7 +81,7 @@ class _Worker:
         self.thread = threading.Thread(target=self._main, name=f"dbw-{name}")
 
     def _main(self) -> None:
-        prefer_realtime()
+        apply_realtime(RealtimeSettings())
         self.result = self._run(self.stop)
 
 

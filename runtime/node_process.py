@@ -7,27 +7,35 @@ main of a process (SocketCAN). It neither polls nor catches up.
 from __future__ import annotations
 
 import gc
+import os
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from canbus.bus import Bus
+from canbus.bus import Bus, BusStatistics
 from canbus.frame import ReceivedFrame
 from canbus.node import PERIOD_NS, Event, EventKind, Node
-from canbus.python_can_bus import PythonCanBus
 from runtime.clock import NS_PER_MS, NS_PER_S, Clock, monotonic_ns
-from runtime.errors import LaunchError
 from runtime.harness import ActuatorPort, HarnessPort
 from runtime.nodes import build_node, build_wires, node_entry
 from runtime.pacing import Pacer
-from runtime.priority import prefer_realtime
+from runtime.process_settings import ProcessSettings
+from runtime.realtime import apply_realtime
+from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
-from vehicles import VehicleError, load_vehicle
 
 REPORT_INTERVAL_NS = NS_PER_S
 """Overruns and refused frames are all counted, but told at most once in this time."""
+
+LOSSES = {
+    "tx_failures": "frames not sent so far: the bus refused them",
+    "rx_lost": "frames lost in the kernel's receive queue so far",
+    "rx_dropped": "overflows of the controller's receive buffer so far",
+    "rx_failures": "reads failed so far: the interface is or was down",
+}
+"""Counters of the bus that mean that something was lost, and how they are told."""
 
 Report = Callable[[Event], None]
 """Where events go. Called from the node's own thread."""
@@ -81,32 +89,34 @@ def one_line(error: BaseException) -> str:
 
 
 class _Watch:
-    """Tells about overruns and refused frames, without flooding the log."""
+    """Tells about overruns and lost frames, without flooding the log."""
 
     def __init__(self, node: str, report: Report) -> None:
         self._node = node
         self._report = report
         self._told_ns: int | None = None
-        self._told = (0, 0)
+        self._told_late = 0
+        self._told_lost = dict.fromkeys(LOSSES, 0)
 
-    def check(self, now_ns: int, pacer: Pacer, tx_failures: int) -> None:
+    def check(self, now_ns: int, pacer: Pacer, statistics: BusStatistics) -> None:
         """Reports what has come up since the last report, if it is time to."""
-        counts = (pacer.overruns + pacer.skipped, tx_failures)
-        if counts == self._told:
+        late = pacer.overruns + pacer.skipped
+        lost = {name: getattr(statistics, name) for name in LOSSES}
+        if late == self._told_late and lost == self._told_lost:
             return
         if self._told_ns is not None and now_ns - self._told_ns < REPORT_INTERVAL_NS:
             return
-        if counts[0] > self._told[0]:
+        if late > self._told_late:
             text = (
                 f"{pacer.overruns} overruns and {pacer.skipped} skipped cycles so far, "
                 f"latest by {pacer.lag_ns / NS_PER_MS:.1f} ms, "
                 f"at worst {pacer.lag_ns_max / NS_PER_MS:.1f} ms"
             )
             self._tell(now_ns, EventKind.OVERRUN, text)
-        if counts[1] > self._told[1]:
-            text = f"{tx_failures} frames not sent so far: the bus refused them"
-            self._tell(now_ns, EventKind.FRAME, text)
-        self._told, self._told_ns = counts, now_ns
+        for name, words in LOSSES.items():
+            if lost[name] > self._told_lost[name]:
+                self._tell(now_ns, EventKind.FRAME, f"{lost[name]} {words}")
+        self._told_late, self._told_lost, self._told_ns = late, lost, now_ns
 
     def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:
         self._report(Event(time_ns=now_ns, node=self._node, kind=kind, text=text))
@@ -116,7 +126,14 @@ class _NodeLoop:
     """The state of one run."""
 
     def __init__(
-        self, node: AnyNode, bus: Bus, port: AnyPort, clock: Clock, report: Report, pacer: Pacer
+        self,
+        node: AnyNode,
+        bus: Bus,
+        port: AnyPort,
+        clock: Clock,
+        report: Report,
+        pacer: Pacer,
+        alive: Callable[[int], None],
     ) -> None:
         self.node = node
         self.bus = bus
@@ -124,7 +141,7 @@ class _NodeLoop:
         self.clock = clock
         self.report = report
         self.pacer = pacer
-        self.tx_failures = 0
+        self.alive = alive
         self._received: list[ReceivedFrame] = []
         self._watch = _Watch(node.name, report)
 
@@ -149,12 +166,13 @@ class _NodeLoop:
             return  # told to end while it was at work: nothing leaves late
         self.port.actuate(now_ns, output.actuator)
         for frame in output.frames:
-            self.tx_failures += not self.bus.send(frame)
+            self.bus.send(frame)
         for event in output.events:
             self.report(event)
         end_ns = self.clock()
         self.pacer.end(end_ns)
-        self._watch.check(end_ns, self.pacer, self.tx_failures)
+        self._watch.check(end_ns, self.pacer, self.bus.statistics)
+        self.alive(end_ns)
 
 
 def run_node(
@@ -166,6 +184,7 @@ def run_node(
     report: Report,
     *,
     phase_ns: int = 0,
+    alive: Callable[[int], None] = lambda now_ns: None,
 ) -> NodeResult:
     """Runs a node until `stop` is set or it fails; its hardware's watchdogs do the rest.
 
@@ -177,13 +196,14 @@ def run_node(
         stop: looked at before every wait, so it acts within a cycle.
         report: gets the node's events, and the runtime's own about it.
         phase_ns: where the node's deadlines lie within the period.
+        alive: called with the time at the end of every cycle, for watchdogs.
 
     Returns:
         How it ended. An exception from node or port is reported by name and is in `failure`; it
         is not raised, so that it ends this node alone.
     """
     pacer = Pacer(start_ns=clock(), period_ns=PERIOD_NS, phase_ns=phase_ns)
-    loop = _NodeLoop(node, bus, port, clock, report, pacer)
+    loop = _NodeLoop(node, bus, port, clock, report, pacer, alive)
     failure = None
     try:
         loop.run(stop)
@@ -198,66 +218,41 @@ def run_node(
         overruns=pacer.overruns,
         skipped=pacer.skipped,
         lag_ns_max=pacer.lag_ns_max,
-        tx_failures=loop.tx_failures,
+        tx_failures=bus.statistics.tx_failures,
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessSettings:
-    """What a node's process needs to know; the options of `dbw ecu`.
-
-    Attributes:
-        name: a key of `runtime.nodes.NODES`, or "plant".
-        vehicle: name of a shipped vehicle, or a path ending in .toml.
-        interface: python-can's name of the interface.
-        channel: the vehicle bus.
-        harness_channel: the bus that stands for the wires.
-        harness_interface: its interface; None: as the vehicle bus.
-        bitrate_bps: for interfaces that set it themselves; None leaves it.
-    """
-
-    name: str
-    vehicle: str
-    interface: str
-    channel: str
-    harness_channel: str
-    harness_interface: str | None = None
-    bitrate_bps: int | None = None
 
 
 def run_node_process(settings: ProcessSettings, report: Report) -> NodeResult:
     """The main of `dbw ecu NAME`: opens both buses and runs one node until SIGTERM or SIGINT.
 
     Raises:
-        LaunchError: the name or the vehicle is unknown.
+        LaunchError: the name or the vehicle is unknown, or the system refuses what was asked of it
+            by name.
         BusError: a bus cannot be opened.
     """
     entry = node_entry(settings.name)
-    try:
-        vehicle = load_vehicle(settings.vehicle)
-    except VehicleError as error:
-        raise LaunchError(str(error)) from error
+    vehicle = settings.load_vehicle()
     node = build_node(settings.name, vehicle)
     wires = build_wires(settings.name)
-    bus = PythonCanBus(
-        settings.interface,
-        settings.channel,
-        clock=monotonic_ns,
-        bitrate=settings.bitrate_bps,
-        acceptance=node.acceptance,
-    )
-    harness = PythonCanBus(
-        settings.harness_interface or settings.interface,
-        settings.harness_channel,
-        clock=monotonic_ns,
-        acceptance=wires.acceptance,
-    )
+    bus = settings.vehicle_bus(vehicle, node.acceptance)
+    harness = settings.harness_bus(vehicle, wires.acceptance)
+    complaint = apply_realtime(settings.realtime)
+    if complaint is not None:
+        now_ns = monotonic_ns()
+        report(Event(time_ns=now_ns, node=node.name, kind=EventKind.STATE, text=complaint))
+    service = ServiceNotify(os.environ)
     with StopRequest() as stop, bus, harness:
         gc.collect()
         gc.freeze()  # what is loaded stays: the collector's pauses shrink to the cycle's own
-        if not prefer_realtime():
-            text = "no real-time priority (CAP_SYS_NICE): other programs may delay this node"
-            now_ns = monotonic_ns()
-            report(Event(time_ns=now_ns, node=node.name, kind=EventKind.STATE, text=text))
-        port = HarnessPort(wires, harness)
-        return run_node(node, bus, port, monotonic_ns, stop, report, phase_ns=entry.phase_ns)
+        result = run_node(
+            node,
+            bus,
+            HarnessPort(wires, harness),
+            monotonic_ns,
+            stop,
+            report,
+            phase_ns=entry.phase_ns,
+            alive=service.alive,
+        )
+        service.stopping()
+        return result

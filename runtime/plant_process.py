@@ -8,6 +8,7 @@ busy machine) must not look like an ECU that is dead: time that passes unseen is
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +17,6 @@ from numpy.random import default_rng
 from canbus.bus import Bus
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import PERIOD_NS, Event, EventKind
-from canbus.python_can_bus import PythonCanBus
 from dbc.harness import (
     BrakeActuatorWire,
     BrakeEncoderWire,
@@ -39,21 +39,17 @@ from ecus.throttle.ports import ThrottleActuator
 from runtime.clock import Clock, monotonic_ns
 from runtime.errors import LaunchError
 from runtime.harness import SPEC_OF_NAME, decode_harness, harness_frame
-from runtime.node_process import (
-    NodeResult,
-    ProcessSettings,
-    Report,
-    StopFlag,
-    one_line,
-)
+from runtime.node_process import NodeResult, Report, StopFlag, one_line
 from runtime.nodes import PLANT_PHASE_NS
 from runtime.pacing import Pacer
-from runtime.priority import prefer_realtime
+from runtime.process_settings import ProcessSettings
+from runtime.realtime import apply_realtime
+from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
 from simulation.plant.car import ORIGIN, Car
 from simulation.plant.params import plant_params
 from simulation.plant.state import Pose, Truth
-from vehicles import Vehicle, VehicleError, load_vehicle
+from vehicles import Vehicle
 
 PLANT_NODE = "Plant"
 
@@ -236,6 +232,7 @@ def run_plant(
     stop: StopFlag,
     report: Report,
     on_cycle: Callable[[Truth], None] = lambda truth: None,
+    alive: Callable[[int], None] = lambda now_ns: None,
 ) -> NodeResult:
     """Runs the plant on the harness bus until `stop` is set.
 
@@ -246,6 +243,7 @@ def run_plant(
         stop: looked at before every wait.
         report: gets what goes wrong.
         on_cycle: gets the truth of every cycle, in the plant's own thread.
+        alive: called with the time at the end of every cycle, for watchdogs.
 
     Returns:
         How it ended; an exception is reported and in `failure`, not raised.
@@ -266,7 +264,9 @@ def run_plant(
                 tx_failures += not bus.send(frame)
             received = []
             on_cycle(plant.truth)
-            pacer.end(clock())
+            end_ns = clock()
+            pacer.end(end_ns)
+            alive(end_ns)
     except Exception as error:  # whatever it is: the ECUs see their wires go silent
         failure = one_line(error)
         text = f"{PLANT_NODE} ends: {failure}"
@@ -288,21 +288,18 @@ def run_plant_process(
     """The main of `dbw ecu plant`: runs until SIGTERM or SIGINT.
 
     Raises:
-        LaunchError: the vehicle is unknown or has no plant.
+        LaunchError: the vehicle is unknown or has no plant, or the system refuses what was asked
+            of it by name.
         BusError: the harness bus cannot be opened.
     """
-    try:
-        vehicle = load_vehicle(settings.vehicle)
-    except VehicleError as error:
-        raise LaunchError(str(error)) from error
-    bus = PythonCanBus(
-        settings.harness_interface or settings.interface,
-        settings.harness_channel,
-        clock=monotonic_ns,
-        acceptance=ACCEPTANCE,
-    )
+    vehicle = settings.load_vehicle()
+    bus = settings.harness_bus(vehicle, ACCEPTANCE)
+    apply_realtime(settings.realtime)
     start_ns = monotonic_ns()
     car = build_car(vehicle, seed=seed, start_pose=start_pose, start_ns=start_ns)
+    service = ServiceNotify(os.environ)
+    plant = PlantSide(car, start_ns)
     with StopRequest() as stop, bus:
-        prefer_realtime()
-        return run_plant(PlantSide(car, start_ns), bus, monotonic_ns, stop, report)
+        result = run_plant(plant, bus, monotonic_ns, stop, report, alive=service.alive)
+        service.stopping()
+        return result

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from signal import Signals
 from typing import Self
 
@@ -16,6 +16,8 @@ from canbus.node import Event, EventKind
 from runtime.clock import NS_PER_S, Clock, monotonic_ns
 from runtime.errors import LaunchError
 from runtime.nodes import NODES, PLANT, STOP_ORDER, node_entry
+from runtime.realtime import RealtimeSettings
+from runtime.service_notify import ServiceNotify, SignsOfLife
 from runtime.standstill import StandstillWait
 from runtime.state_file import (
     PROC,
@@ -33,6 +35,9 @@ from runtime.stopping import LAUNCHER_PID_VARIABLE, StopRequest
 LAUNCHER = "Launcher"
 WATCH_S = 0.05
 """How often the launcher looks for children that have died."""
+
+HANG_NS = NS_PER_S
+"""A child whose loop has done no cycle for this long hangs; its next one is 99 too late."""
 
 STANDSTILL_S_MAX = 5.0
 """Longest wait for the car to stand before its nodes are ended (a full stop takes less)."""
@@ -57,6 +62,8 @@ class StackSettings:
         vehicle: name of a shipped vehicle, or a path ending in .toml.
         with_plant: False on a real car, where hardware drivers are on the harness.
         nodes: which nodes to start.
+        bitrate_bps: for interfaces that set it themselves; None: the vehicle file's.
+        realtime: what every process asks of the system.
     """
 
     interface: str
@@ -65,6 +72,8 @@ class StackSettings:
     vehicle: str
     with_plant: bool = True
     nodes: tuple[str, ...] = tuple(NODES)
+    bitrate_bps: int | None = None
+    realtime: RealtimeSettings = field(default_factory=RealtimeSettings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,9 +87,11 @@ class _Child:
 class ProcessStack:
     """A stack of processes; started and stopped by `with`, watched by `supervise`.
 
-    A child that dies is reported by name; the others keep running, because it is they who bring
-    the car to a stand. Children are in sessions of their own, so that Ctrl-C reaches the launcher
-    alone and it can end them in order; if the launcher is killed they end themselves.
+    A child that dies or hangs is reported by name; the others keep running, because it is they who
+    bring the car to a stand. From then on the service manager's watchdog hears nothing more: in its
+    time it ends the stack, in order, and starts a new one. Children are in sessions of their own,
+    so that Ctrl-C reaches the launcher alone and it can end them in order; if the launcher is
+    killed they end themselves.
 
     Args:
         settings: what to start.
@@ -88,6 +99,7 @@ class ProcessStack:
         clock: for events and time limits.
         command: how the command line is started.
         standstill: waits for the car to stand while the stack goes down; answers whether it does.
+        service: the launcher's service manager.
     """
 
     def __init__(
@@ -98,6 +110,7 @@ class ProcessStack:
         clock: Clock = monotonic_ns,
         command: Sequence[str] = DBW,
         standstill: Callable[[Callable[[], bool]], bool] | None = None,
+        service: ServiceNotify | None = None,
     ) -> None:
         for name in settings.nodes:
             node_entry(name)
@@ -111,8 +124,11 @@ class ProcessStack:
             clock=clock,
             limit_ns=round(STANDSTILL_S_MAX * NS_PER_S),
         )
+        self._service = service or ServiceNotify(os.environ)
+        self._signs = SignsOfLife(HANG_NS)
         self._children: dict[str, _Child] = {}
         self._ended: dict[str, int] = {}
+        self._hanging: set[str] = set()
         self._pause = threading.Event()  # never set: only waited on
         self._lock = ExitStack()
         self._hurry: Callable[[], bool] = lambda: False
@@ -128,6 +144,7 @@ class ProcessStack:
         with ExitStack() as lock:
             lock.enter_context(channel_lock(self._settings.channel))
             self._check_leftovers()
+            lock.enter_context(self._signs)
             try:
                 for name in self._names():
                     self._start(name)
@@ -140,6 +157,7 @@ class ProcessStack:
 
     def __exit__(self, *exception: object) -> None:
         """Stops every process, brakes first, and leaves nothing behind."""
+        self._service.stopping()
         try:
             self._stop_children(wait_for_standstill=True)
         finally:
@@ -160,6 +178,8 @@ class ProcessStack:
             if len(self._ended) == len(self._children):
                 self._say("no process is left")
                 break
+            if self._all_live():
+                self._service.alive(self._clock())
             self._pause.wait(WATCH_S)
         self._watch()
         return 1 if self._ended else 0
@@ -219,7 +239,11 @@ class ProcessStack:
         arguments = [*self._command, "ecu", name]
         arguments += ["--interface", settings.interface, "--channel", settings.channel]
         arguments += ["--harness-channel", settings.harness_channel, "--vehicle", settings.vehicle]
-        environment = {**os.environ, LAUNCHER_PID_VARIABLE: str(os.getpid())}
+        if settings.bitrate_bps is not None:
+            arguments += ["--bitrate", str(settings.bitrate_bps)]
+        arguments += settings.realtime.options
+        launcher = {LAUNCHER_PID_VARIABLE: str(os.getpid()), **self._signs.environment}
+        environment = {**os.environ, **launcher}
         try:
             process = subprocess.Popen(
                 arguments, stdin=subprocess.DEVNULL, env=environment, start_new_session=True
@@ -248,12 +272,29 @@ class ProcessStack:
         )
 
     def _watch(self) -> None:
-        """Reports children that have died since the last look."""
+        """Reports children that have died or hang since the last look."""
+        now_ns = self._clock()
+        self._signs.listen(now_ns)
         for name, child in self._children.items():
+            if name in self._ended:
+                continue
+            process = f"{name} (process {child.record.pid})"
             code = child.process.poll()
-            if code is not None and name not in self._ended:
+            if code is not None:
                 self._ended[name] = code
-                self._say(f"{name} (process {child.record.pid}) died: {how_it_ended(code)}")
+                self._say(f"{process} died: {how_it_ended(code)}")
+            elif self._signs.hangs(child.record.pid, now_ns) != (name in self._hanging):
+                self._hanging ^= {name}
+                hangs = f"hangs: no cycle for {HANG_NS / NS_PER_S:g} s"
+                self._say(f"{process} {hangs if name in self._hanging else 'runs again'}")
+
+    def _all_live(self) -> bool:
+        """Whether every child runs and does its cycles."""
+        return (
+            not self._ended
+            and not self._hanging
+            and all(self._signs.was_heard(child.record.pid) for child in self._children.values())
+        )
 
     def _stop_children(self, *, wait_for_standstill: bool) -> None:
         running = [name for name in STOP_ORDER if name in self._children]
@@ -282,6 +323,7 @@ class ProcessStack:
             process.wait()
 
     def _say(self, text: str) -> None:
+        self._service.status(text)
         self._report(Event(time_ns=self._clock(), node=LAUNCHER, kind=EventKind.STATE, text=text))
 
 

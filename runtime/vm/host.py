@@ -22,6 +22,9 @@ PACKAGE_OF_PROGRAM = {
 SYSTEM_PATHS = ("/usr/local/sbin", "/usr/local/bin", "/usr/sbin", "/usr/bin", "/sbin", "/bin")
 """Administrators' programs are not on every user's path."""
 
+APT = ["apt-get", "-o", "DPkg::Lock::Timeout=300"]
+"""Waits for an apt that is at work already."""
+
 Say = Callable[[str], None]
 
 
@@ -61,16 +64,16 @@ def install(packages: Sequence[str], say: Say) -> None:
     if not packages:
         return
     how = _how_to_install(packages)
-    if _find("apt-get") is None:
+    if not is_debian():
         raise VmError(f"{', '.join(packages)} missing, and this is no Debian: install them first")
     root = _root_prefix()
     if root is None:
         raise VmError(how)
     say(f"installing {' '.join(packages)}")
-    command = [*root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "-y",
+    command = [*root, "env", "DEBIAN_FRONTEND=noninteractive", *APT, "install", "-y",
                "--no-install-recommends", *packages]
     if not _succeeds(command):
-        _succeeds([*root, "apt-get", "update"])  # a fresh machine has no lists, or old ones
+        _succeeds([*root, *APT, "update"])  # a fresh machine has no lists, or old ones
         if not _succeeds(command):
             raise VmError(f"apt-get could not install {' '.join(packages)}; try: {how}")
 
@@ -81,11 +84,11 @@ def download(package: str, folder: Path) -> Path:
     Raises:
         VmError: apt-get cannot get it.
     """
-    command = ["apt-get", "download", package]
+    command = [*APT, "download", package]
     if not _succeeds(command, folder):
         root = _root_prefix()
         if root is not None:
-            _succeeds([*root, "apt-get", "update"])
+            _succeeds([*root, *APT, "update"])
         if root is None or not _succeeds(command, folder):
             raise VmError(f"cannot download {package}: try 'sudo apt-get update' first")
     return next(folder.glob(f"{package}_*.deb"))
@@ -95,12 +98,14 @@ def newest_kernel_package() -> str:
     """The package that Debian's `linux-image-amd64` stands for.
 
     Raises:
-        VmError: apt does not know it.
+        VmError: this is no Debian, or apt does not know it.
     """
+    if not is_debian():
+        raise VmError("this is no Debian: the virtual machine's kernel comes from its packages")
     for is_last in (False, True):
         answer = subprocess.run(
             ["apt-cache", "depends", "linux-image-amd64"],
-            capture_output=True, text=True, check=False,
+            capture_output=True, text=True, check=False, env={**os.environ, "LC_ALL": "C"},
         )
         for line in answer.stdout.splitlines():
             kind, _, name = line.strip().partition(": ")
@@ -108,8 +113,13 @@ def newest_kernel_package() -> str:
                 return name
         root = _root_prefix()
         if root is not None and not is_last:
-            _succeeds([*root, "apt-get", "update"])
+            _succeeds([*root, *APT, "update"])
     raise VmError("apt knows no linux-image-amd64: try 'sudo apt-get update' first")
+
+
+def is_debian() -> bool:
+    """Whether packages come by apt."""
+    return all(_find(name) is not None for name in ("apt-get", "apt-cache", "dpkg-deb"))
 
 
 def is_static(path: Path) -> bool:

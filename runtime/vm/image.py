@@ -67,23 +67,32 @@ def prepare(report: Report = lambda step, text: None) -> Image:
     """The image, from the cache or made now; safe to be called by several at once.
 
     Raises:
-        VmError: something is missing on the host that cannot be installed.
+        VmError: something is missing on the host that cannot be installed, or the cache folder
+            cannot be written to.
     """
     missing = host.missing_packages()
     host.install(missing, lambda text: report(0, text))
     folder = cache_folder() / f"vm-{recipe()}"
     image = Image(kernel=folder / "vmlinuz", initramfs=folder / "initramfs.gz")
     if not folder.exists():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix="vm-new-", dir=folder.parent) as scratch:
-            made = _make(Path(scratch), report)
-            try:
-                made.rename(folder)
-            except OSError:  # somebody else was faster
-                if not folder.exists():
-                    raise
+        try:
+            _make_into(folder, report)
+        except OSError as error:
+            raise VmError(f"cannot write to the cache ({CACHE_VARIABLE}): {error}") from error
         report(STEPS, "ready")
     return image
+
+
+def _make_into(folder: Path, report: Report) -> None:
+    """Makes the image aside and moves it into place whole, if nobody else was faster."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="vm-new-", dir=folder.parent) as scratch:
+        made = _make(Path(scratch), report)
+        try:
+            made.rename(folder)
+        except OSError:
+            if not folder.exists():
+                raise
 
 
 def _make(scratch: Path, report: Report) -> Path:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -32,8 +33,14 @@ BOOT_S_MAX = 180.0
 LAST_LINES = 15
 """Of the guest's console, shown when it fails."""
 
+EXIT_CANNOT_RUN = 126
+"""As shells have it; here also for a folder that the guest does not have."""
+
 LOOK_S = 0.1
 PR_SET_PDEATHSIG = 1
+
+MEMORY_MIB_MIN = 256
+"""Less, and the initramfs does not unpack."""
 
 LEFT_OUT = frozenset({"XDG_RUNTIME_DIR", "NOTIFY_SOCKET", "WATCHDOG_USEC", "TMPDIR"})
 """Environment variables that name things of the host alone."""
@@ -76,9 +83,13 @@ class MachineSettings:
             raise VmError("accelerator kvm: /dev/kvm cannot be used; use tcg")
         if not 1 <= self.cpus <= 64:
             raise VmError(f"cpus {self.cpus}: allowed 1 to 64")
-        if self.memory_mib < 256:
-            raise VmError(f"memory {self.memory_mib} MiB: at least 256")
+        if self.memory_mib < MEMORY_MIB_MIN:
+            raise VmError(f"memory {self.memory_mib} MiB: at least {MEMORY_MIB_MIN}")
+        if not self.timeout_s > 0:  # nor is NaN
+            raise VmError(f"timeout {self.timeout_s:g} s: allowed above 0")
         for folder in self.writable:
+            if "\n" in str(folder):
+                raise VmError(f"{str(folder)!r}: a line break in the folder's name")
             if not folder.is_dir() or not os.access(folder, os.W_OK):
                 raise VmError(f"{folder}: no folder that can be written to")
 
@@ -111,7 +122,7 @@ def qemu_command(
     if counting:
         command += ["-icount", f"shift={settings.icount_shift},sleep=off"]
     if output:
-        command += ["-serial", f"file:{job / 'console'}"]
+        command += ["-serial", f"file:{_quoted(job / 'console')}"]
     else:
         command += ["-chardev", "stdio,id=terminal,signal=off", "-serial", "chardev:terminal"]
     for name, descriptor in output.items():
@@ -122,21 +133,33 @@ def qemu_command(
     for tag, path, is_readonly in shares:
         command += [
             "-virtfs",
-            f"local,path={path},mount_tag={tag},security_model=none,readonly={is_readonly},"
+            f"local,path={_quoted(path)},mount_tag={tag},security_model=none,readonly={is_readonly},"
             "multidevs=remap",
         ]
     return command
 
 
+def _quoted(path: Path) -> str:
+    """As a value in one of QEMU's lists, where commas separate."""
+    return str(path).replace(",", ",,")
+
+
 def command_script(
     command: Sequence[str], folder: Path, environment: Mapping[str, str]
 ) -> str:
-    """What the guest runs: the command in the same folder with the same environment."""
+    """What the guest runs: the command in the same folder with the same environment.
+
+    Bytes that are no UTF-8 are surrogates here, as in `sys.argv` and `os.environ`.
+    """
     kept = {name: value for name, value in environment.items() if name not in LEFT_OUT}
     kept["PATH"] = f"{kept.get('PATH', '/usr/bin:/bin')}:{GUEST_PATHS}"
-    lines = [f"cd {shlex.quote(str(folder))} || exit 126"]
+    hint = f"dbw vm: the machine does not see {folder}; --writable shows it"
+    lines = [
+        f"cd {shlex.quote(str(folder))} 2> /dev/null || "
+        f"{{ echo {shlex.quote(hint)} >&2; exit {EXIT_CANNOT_RUN}; }}"
+    ]
     words = [f"{name}={value}" for name, value in sorted(kept.items())]
-    lines.append(f"exec env -i {shlex.join(words)} {shlex.join(command)}")
+    lines.append(f"exec env -i -- {shlex.join(words)} {shlex.join(command)}")
     return "\n".join([*lines, ""])
 
 
@@ -171,7 +194,7 @@ class Machine:
         }
         self._stack = ExitStack()
         self._threads: list[threading.Thread] = []
-        self._pause = threading.Event()  # never set: only waited on
+        self._sink_error: OSError | ValueError | None = None
 
     def __enter__(self) -> Machine:
         """Starts QEMU.
@@ -183,7 +206,7 @@ class Machine:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="dbw-vm-"))
             self._job = Path(folder)
             self._write_job()
-            self._process = self._start(stack)
+            self._process = self._start()
             self._stack = stack.pop_all()
         return self
 
@@ -204,11 +227,13 @@ class Machine:
         Raises:
             VmError: the guest did not boot, panicked, hung or took longer than allowed; with the
                 last lines of its console.
+            OSError: the output cannot be written; BrokenPipeError when nobody reads it any more.
         """
         begin_ns = monotonic_ns()
         while self._process.poll() is None:
             if is_stopped():
                 return None
+            self._raise_sink_error()
             passed_s = (monotonic_ns() - begin_ns) / NS_PER_S
             if passed_s > self._settings.timeout_s:
                 raise self._failure(f"took longer than {self._settings.timeout_s:g} s")
@@ -220,6 +245,7 @@ class Machine:
                 continue
         for thread in self._threads:
             thread.join()
+        self._raise_sink_error()
         try:
             return int((self._job / "exit").read_text())
         except (OSError, ValueError):
@@ -231,37 +257,56 @@ class Machine:
         script = command_script(self._command, Path.cwd(), os.environ)
         start = files("runtime.vm").joinpath("start.sh").read_text(encoding="utf-8")
         (self._job / "start.sh").write_text(start, encoding="utf-8")
-        (self._job / "command.sh").write_text(script, encoding="utf-8")
+        (self._job / "command.sh").write_bytes(os.fsencode(script))
         folders = "".join(f"{folder.resolve()}\n" for folder in settings.writable)
-        (self._job / "writable").write_text(folders, encoding="utf-8")
+        (self._job / "writable").write_bytes(os.fsencode(folders))
         if self._interactive:
-            (self._job / "interactive").touch()
+            size = shutil.get_terminal_size()
+            text = f"cols {size.columns} rows {size.lines}"
+            (self._job / "interactive").write_text(text, encoding="utf-8")
 
-    def _start(self, stack: ExitStack) -> subprocess.Popen[bytes]:
+    def _start(self) -> subprocess.Popen[bytes]:
         readers, writers = {}, {}
         for name in () if self._interactive else self._sinks:
             readers[name], writers[name] = os.pipe()
         command = qemu_command(self._image, self._settings, self._job, writers)
         try:
-            process = subprocess.Popen(
-                command,
-                stdin=None if self._interactive else subprocess.DEVNULL,
-                stdout=None if self._interactive else subprocess.DEVNULL,
-                stderr=(self._job / "qemu").open("wb"),
-                pass_fds=tuple(writers.values()),
-                preexec_fn=_die_with_parent,
-                start_new_session=not self._interactive,
-            )
+            with (self._job / "qemu").open("wb") as complaints:
+                process = subprocess.Popen(
+                    command,
+                    stdin=None if self._interactive else subprocess.DEVNULL,
+                    stdout=None if self._interactive else subprocess.DEVNULL,
+                    stderr=complaints,
+                    pass_fds=tuple(writers.values()),
+                    preexec_fn=_die_with_parent,
+                    start_new_session=not self._interactive,
+                )
         except OSError as error:
+            for descriptor in readers.values():
+                os.close(descriptor)
             raise VmError(f"cannot start {command[0]}: {error}") from error
         finally:
             for descriptor in writers.values():
                 os.close(descriptor)
         for name, descriptor in readers.items():
-            thread = threading.Thread(target=_pass_on, args=(descriptor, self._sinks[name]))
+            thread = threading.Thread(target=self._pass_on, args=(descriptor, self._sinks[name]))
             thread.start()
             self._threads.append(thread)
         return process
+
+    def _pass_on(self, descriptor: int, sink: BinaryIO) -> None:
+        """Copies what comes until the guest has gone, or nobody takes it any more."""
+        with open(descriptor, "rb", buffering=0) as source:
+            try:
+                while chunk := source.read(65536):
+                    sink.write(chunk)
+                    sink.flush()
+            except (OSError, ValueError) as error:  # ValueError: the sink is closed on this side
+                self._sink_error = error
+
+    def _raise_sink_error(self) -> None:
+        if self._sink_error is not None:
+            raise self._sink_error
 
     def _end(self) -> None:
         if self._process.poll() is None:
@@ -293,19 +338,6 @@ def run(image: Image, settings: MachineSettings, command: Sequence[str]) -> int:
         code = machine.wait()
         assert code is not None
         return code
-
-
-def _pass_on(descriptor: int, sink: BinaryIO) -> None:
-    """Copies as it comes, until the guest has gone; a sink that nobody reads is no error."""
-    is_open = True
-    with open(descriptor, "rb", buffering=0) as source:
-        while chunk := source.read(65536):
-            try:
-                if is_open:
-                    sink.write(chunk)
-                    sink.flush()
-            except (BrokenPipeError, ValueError):
-                is_open = False
 
 
 def _die_with_parent() -> None:

@@ -10,8 +10,13 @@ for port in /sys/class/virtio-ports/*; do
     read -r name < "$port/name"
     ln -s "/dev/${port##*/}" "/run/$name"
 done
+ln -s /proc/self/fd /dev/fd
+for number in 0:stdin 1:stdout 2:stderr; do
+    ln -s "/proc/self/fd/${number%:*}" "/dev/${number#*:}"
+done
 echo booted > $job/state
 if [ -e $job/interactive ]; then
+    stty $(cat $job/interactive) < /dev/ttyS0
     setsid -c sh $job/command.sh < /dev/ttyS0 > /dev/ttyS0 2>&1
 else
     sh $job/command.sh < /dev/null > /run/stdout 2> /run/stderr

@@ -110,6 +110,25 @@ def test_vehicle_without_a_plant_is_refused(tmp_path: Path, capsys: Capture) -> 
     assert "--plant none" in refused(["up", "--vehicle", str(file)], tmp_path, capsys)
 
 
+@pytest.mark.parametrize("command", [["up", "--plant", "none"], ["ecu", "steering"]])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--realtime", "fifo:0"], "--realtime fifo:0: allowed auto, off, and fifo:PRIO or rr:"),
+        (["--realtime", "yes"], "--realtime yes: allowed auto, off, and fifo:PRIO or rr:PRIO"),
+        (["--cpus", "1;2"], "'1;2': numbers of processors with commas are wanted, as in 1,2"),
+        (["--cpus", "9999"], "--cpus 9999: refused by the system: allowed are "),
+        (["--bitrate", "0"], "'0': a whole number from 1 to 1000000 is wanted"),
+        (["--bitrate", "fast"], "'fast': a whole number from 1 to 1000000 is wanted"),
+    ],
+)
+def test_bad_real_time_or_bus_option_is_refused(
+    command: list[str], options: list[str], said: str, tmp_path: Path, capsys: Capture
+) -> None:
+    line = refused([*command, "--interface", "virtual", *options], tmp_path, capsys)
+    assert said in line
+
+
 def test_out_that_is_a_file_is_refused(tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "out"
     file.write_text("mine")

@@ -36,7 +36,7 @@ def test_version_is_one_line(capsys: Capture) -> None:
 def test_unknown_command_names_the_known_ones(capsys: Capture) -> None:
     assert main(["drive"]) == 2
     assert capsys.readouterr().err == (
-        "dbw: error: no command 'drive': allowed demo, up, ecu, down, status\n"
+        f"dbw: error: no command 'drive': allowed {', '.join(COMMANDS)}\n"
     )
 
 

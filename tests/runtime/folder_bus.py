@@ -21,9 +21,10 @@ import can
 from can.interfaces import BACKENDS
 
 from canbus.node import Event
-from runtime.node_process import ProcessSettings, run_node_process
+from runtime.node_process import run_node_process
 from runtime.nodes import PLANT
 from runtime.plant_process import run_plant_process
+from runtime.process_settings import ProcessSettings
 
 NAME = "folder"
 _HEADER = struct.Struct("<I")
@@ -88,7 +89,7 @@ def main() -> int:
     parser.add_argument("name")
     for option in ("interface", "channel", "harness-channel", "vehicle"):
         parser.add_argument(f"--{option}", required=True)
-    given = parser.parse_args()
+    given, _ = parser.parse_known_args()  # the real-time options are for the real command line
     register()
     settings = ProcessSettings(
         name=given.name,

@@ -30,6 +30,8 @@ class FakeBus:
         self.incoming = sorted(incoming, key=lambda item: item[0])
         self.sent: list[tuple[int, Frame]] = []
         self.refuses = False
+        self.refused = 0
+        self.rx_lost = 0
         self.waits: list[int] = []
 
     def __enter__(self) -> Self:
@@ -39,6 +41,7 @@ class FakeBus:
         self.close()
 
     def send(self, frame: Frame) -> bool:
+        self.refused += self.refuses
         if not self.refuses:
             self.sent.append((self._clock.now_ns, frame))
         return not self.refuses
@@ -57,7 +60,9 @@ class FakeBus:
 
     @property
     def statistics(self) -> BusStatistics:
-        return BusStatistics(sent=len(self.sent))
+        return BusStatistics(
+            sent=len(self.sent), tx_failures=self.refused, rx_lost=self.rx_lost
+        )
 
     def close(self) -> None:
         pass

@@ -122,6 +122,18 @@ def test_refused_frames_are_counted_and_reported() -> None:
     assert "2 frames not sent" in events[0].text
 
 
+def test_frames_lost_in_the_receive_queue_are_reported_with_their_number() -> None:
+    clock = FakeClock()
+    bus = FakeBus(clock)
+
+    def work(now_ns: int) -> None:
+        bus.rx_lost = 3 if now_ns >= 20 * MS else 0
+
+    _, events = run(FakeNode(work), clock=clock, bus=bus)
+    assert [event.kind for event in events] == [EventKind.FRAME]
+    assert events[0].text == "3 frames lost in the kernel's receive queue so far"
+
+
 def test_node_whose_step_raises_ends_by_name_and_moves_nothing_more() -> None:
     clock, port = FakeClock(), FakePort()
 

@@ -12,10 +12,10 @@ import pytest
 from canbus.bus import BusError
 from runtime.clock import monotonic_ns
 from runtime.errors import LaunchError
-from runtime.node_process import ProcessSettings, run_node_process
+from runtime.node_process import run_node_process
 from runtime.nodes import NODES, STOP_ORDER, build_node, build_wires, node_entry
 from runtime.plant_process import run_plant_process
-from runtime.priority import REALTIME_PRIORITY, prefer_realtime
+from runtime.process_settings import ProcessSettings
 from runtime.stopping import LAUNCHER_PID_VARIABLE, StopRequest
 from vehicles import load_vehicle
 
@@ -79,7 +79,8 @@ def test_a_bus_that_cannot_be_opened_is_refused() -> None:
 @pytest.mark.wall_clock
 def test_a_node_in_a_process_ends_on_sigterm_with_success() -> None:
     code = (
-        "from runtime.node_process import ProcessSettings, run_node_process\n"
+        "from runtime.node_process import run_node_process\n"
+        "from runtime.process_settings import ProcessSettings\n"
         "result = run_node_process(ProcessSettings(name='steering', vehicle='tabby_evo', "
         "interface='virtual', channel='a', harness_channel='b'), "
         "lambda event: print(event.text, flush=True))\n"
@@ -119,25 +120,6 @@ def test_a_child_ends_when_its_launcher_is_gone(monkeypatch: pytest.MonkeyPatch)
 def test_a_node_started_by_hand_needs_no_launcher(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(LAUNCHER_PID_VARIABLE, raising=False)
     assert not StopRequest().is_set()
-
-
-def test_realtime_priority_is_asked_for_this_thread_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, int, int]] = []
-
-    def grant(pid: int, policy: int, param: os.sched_param) -> None:
-        asked.append((pid, policy, param.sched_priority))
-
-    monkeypatch.setattr(os, "sched_setscheduler", grant)
-    assert prefer_realtime()
-    assert asked == [(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, REALTIME_PRIORITY)]
-
-
-def test_a_node_runs_without_realtime_priority_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(pid: int, policy: int, param: os.sched_param) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert not prefer_realtime()
 
 
 def test_the_clock_never_goes_back() -> None:

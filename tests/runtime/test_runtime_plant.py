@@ -191,6 +191,7 @@ def test_plant_runs_on_the_grid_and_publishes_the_truth() -> None:
     clock = FakeClock(START_NS)
     bus = FakeBus(clock)
     seen: list[int] = []
+    alive: list[int] = []
     result = run_plant(
         plant(),
         bus,
@@ -198,7 +199,9 @@ def test_plant_runs_on_the_grid_and_publishes_the_truth() -> None:
         StopAt(clock, START_NS + 45 * MS),
         lambda event: None,
         lambda truth: seen.append(truth.time_ns),
+        alive.append,
     )
+    assert alive == seen  # every cycle is a sign of life
     assert seen == [START_NS + n * 10 * MS for n in (1, 2, 3, 4)]
     assert result.exit_code == 0 and result.steps == 4
     assert {time_ns for time_ns, _ in bus.sent} == set(seen)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from runtime.clock import monotonic_ns
 from runtime.errors import LaunchError
 from runtime.launch import ProcessStack, StackSettings, status, stop
 from runtime.process_stack import how_it_ended
+from runtime.realtime import RealtimeSettings
+from runtime.service_notify import ServiceNotify
 from runtime.state_file import read_state, record_of, write_state
 from runtime.stopping import StopRequest
 
@@ -67,13 +70,60 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Log]:
     yield Log(tmp_path / "log")
 
 
-def stack(log: Log, settings: StackSettings = SETTINGS, standstill: bool = True) -> ProcessStack:
+class FakeService(ServiceNotify):
+    """A service manager that remembers."""
+
+    def __init__(self) -> None:
+        super().__init__({})
+        self.said: list[str] = []
+
+    def alive(self, now_ns: int) -> None:
+        self.said.append("alive")
+
+    def status(self, text: str) -> None:
+        self.said.append(text)
+
+    def stopping(self) -> None:
+        self.said.append("stopping")
+
+    def is_silent(self) -> bool:
+        """Whether nothing but alive or stopping has been said in the launcher's last looks."""
+        threading.Event().wait(4 * process_stack.WATCH_S)
+        before = len(self.said)
+        threading.Event().wait(4 * process_stack.WATCH_S)
+        return len(self.said) == before
+
+
+def stack(
+    log: Log,
+    settings: StackSettings = SETTINGS,
+    standstill: bool = True,
+    service: ServiceNotify | None = None,
+) -> ProcessStack:
     return ProcessStack(
         settings,
         report=log.events.append,
         command=FAKE,
         standstill=lambda hurry: standstill,
+        service=service,
     )
+
+
+@contextmanager
+def supervised(running: ProcessStack) -> Iterator[None]:
+    """Supervises in a thread."""
+    request = StopRequest()
+    thread = threading.Thread(target=running.supervise, args=(request,))
+    thread.start()
+    try:
+        yield
+    finally:
+        request.count = 1
+        thread.join()
+
+
+def pid_of(running: ProcessStack, name: str) -> int:
+    return next(record.pid for record in running.processes if record.name == name)
 
 
 def test_one_process_per_node_starts_with_its_options_and_ends_brakes_last(log: Log) -> None:
@@ -86,7 +136,7 @@ def test_one_process_per_node_starts_with_its_options_and_ends_brakes_last(log: 
     assert set(log.names("up")) == ALL
     assert (
         "steering up --interface socketcan --channel vcan7 --harness-channel vcan8 "
-        "--vehicle tabby_evo" in log.lines()
+        "--vehicle tabby_evo --realtime auto" in log.lines()
     )
     assert log.names("down") == [
         "supervisor",
@@ -112,6 +162,52 @@ def test_a_car_without_plant_gets_none(log: Log) -> None:
     with stack(log, settings):
         wait_until(lambda: len(log.names("up")) == 2)
     assert set(log.names("up")) == {"steering", "supervisor"}
+
+
+def test_bitrate_and_real_time_options_reach_every_process(log: Log) -> None:
+    realtime = RealtimeSettings(scheduling="fifo:40", lock_memory=True, cpus=(0, 1))
+    with stack(log, replace(SETTINGS, bitrate_bps=250_000, realtime=realtime)):
+        wait_until(log.all_up)
+    options = "--bitrate 250000 --realtime fifo:40 --lock-memory --cpus 0,1"
+    assert sum(line.endswith(options) for line in log.lines()) == len(ALL)
+
+
+def test_the_watchdog_is_told_only_once_every_child_does_its_cycles(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FAKE_DBW_MUTE", "1")
+    service = FakeService()
+    with stack(log, service=service) as running, supervised(running):
+        wait_until(log.all_up)
+        assert service.is_silent() and service.said == []
+    monkeypatch.delenv("FAKE_DBW_MUTE")
+    with stack(log, service=service) as running, supervised(running):
+        wait_until(lambda: service.said.count("alive") > 3)
+    assert service.said[-1] == "stopping"
+
+
+def test_the_watchdog_is_told_nothing_more_when_a_child_has_died(log: Log) -> None:
+    service = FakeService()
+    with stack(log, service=service) as running, supervised(running):
+        wait_until(lambda: "alive" in service.said)
+        os.kill(pid_of(running, "throttle"), signal.SIGKILL)
+        wait_until(lambda: "died" in log.said)
+        assert "died: signal SIGKILL" in service.said[-1]
+        assert service.is_silent()
+
+
+def test_a_child_whose_loop_hangs_is_named_and_the_watchdog_told_nothing_more(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = FakeService()
+    with stack(log, service=service) as running, supervised(running):
+        wait_until(lambda: "alive" in service.said)
+        pid = pid_of(running, "brake_servo")
+        os.kill(pid, signal.SIGUSR1)
+        wait_until(lambda: "hangs" in log.said)
+        assert f"brake_servo (process {pid}) hangs: no cycle for 1 s" in log.said
+        assert all(record.is_alive for record in running.processes)
+        assert service.is_silent()
 
 
 def test_no_process_is_ended_before_the_wait_for_standstill_is_over(log: Log) -> None:

@@ -23,7 +23,10 @@ from runtime.clock import monotonic_ns
 from runtime.harness import harness_frame
 from runtime.in_process import HANDS_OFF
 from runtime.launch import ProcessStack, StackSettings
+from runtime.service_notify import ServiceNotify
+from runtime.stopping import StopRequest
 from tests.runtime import folder_bus
+from tests.runtime.fake_manager import Manager
 from vehicles import load_vehicle
 
 pytestmark = [pytest.mark.wall_clock, pytest.mark.slow]
@@ -34,7 +37,7 @@ DRIVE_TICKS = 75
 class Drive:
     """A stack of processes, a planner, and what the launcher said."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, service: ServiceNotify | None = None) -> None:
         self.channel, self.harness_channel = str(folder / "v"), str(folder / "h")
         self.events: list[Event] = []
         self.stack = ProcessStack(
@@ -46,6 +49,7 @@ class Drive:
             ),
             report=self.events.append,
             command=(sys.executable, "-m", "tests.runtime.folder_bus"),
+            service=service,
         )
 
     def press_button(self) -> None:
@@ -128,3 +132,32 @@ def test_going_down_stops_a_car_whose_planner_drives_on(drive: Drive) -> None:
     heard = [speed for speed in speeds if speed == speed]
     assert heard[0] > 0.5 and abs(heard[-1]) < 0.1
     assert drive.said == ""
+
+
+def test_the_launcher_is_ready_when_every_node_runs_and_silent_when_one_loop_hangs(
+    drive: Drive, tmp_path: Path
+) -> None:
+    with Manager(tmp_path / "notify") as manager, StopRequest() as request:
+        watched = Drive(tmp_path, ServiceNotify(manager.environment))
+        heard: list[str] = []
+
+        def has_said(text: str) -> bool:
+            heard.extend(manager.heard())
+            return any(text in message for message in heard)
+
+        with watched.stack as stack:
+            thread = threading.Thread(target=stack.supervise, args=(request,))
+            thread.start()
+            wait_until(lambda: has_said("READY=1"))
+            victim = next(record for record in stack.processes if record.name == "steering")
+            os.kill(victim.pid, signal.SIGSTOP)
+            wait_until(lambda: "hangs: no cycle" in watched.said)
+            assert has_said("STATUS=steering")
+            heard.clear()
+            threading.Event().wait(1.0)  # two pings' time
+            assert not has_said("WATCHDOG=1")
+            os.kill(victim.pid, signal.SIGCONT)
+            wait_until(lambda: has_said("WATCHDOG=1"))
+            request.count = 1
+            thread.join()
+        assert has_said("STOPPING=1")

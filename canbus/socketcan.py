@@ -1,0 +1,105 @@
+"""What Linux knows about a received frame and python-can does not hand on.
+
+When a frame arrived, how many frames fit the socket's receive queue, and how many were lost in it.
+The sockets are python-can's; nothing here sends or receives.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Callable
+
+from canbus.timing import (
+    CRC_BITS,
+    FIXED_TAIL_BITS,
+    INTERFRAME_SPACE_BITS,
+    STANDARD_HEADER_BITS,
+)
+
+FRAME_BYTES = 768
+"""What one classical frame costs in a socket's receive queue, the kernel's `skb->truesize`:
+256 for `struct sk_buff`, 512 for the frame with head room and shared info (64 bit)."""
+
+FRAME_BITS_MIN = STANDARD_HEADER_BITS + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS
+"""A frame without data and without a stuff bit: 47 bits."""
+
+SO_RCVBUFFORCE = 33
+SO_MEMINFO = 55
+"""Linux `asm-generic/socket.h`; Python's socket module has neither."""
+
+_MEMINFO = struct.Struct("@9I")
+_MEMINFO_DROPS = 8
+"""Place of SK_MEMINFO_DROPS (linux/sock_diag.h)."""
+
+_NS_PER_S = 1_000_000_000
+
+
+def backlog_frames_max(away_ns: int, bitrate_bps: int) -> int:
+    """Most frames that a wire can bring while nobody reads it: the shortest, back to back.
+
+    An upper bound for whatever the DBC allows, and for a stranger who floods the bus.
+    """
+    return -(-away_ns * bitrate_bps // (FRAME_BITS_MIN * _NS_PER_S))
+
+
+def make_room(sock: socket.socket, frames: int) -> int:
+    """Sizes a socket's receive queue for `frames`, or for as many as the system grants.
+
+    The limit is `net.core.rmem_max`, unless the process has CAP_NET_ADMIN. Linux doubles what is
+    asked for (socket(7)) and compares the doubled number with the frames' `truesize`. A queue that
+    is larger already stays as it is.
+
+    Returns:
+        How many frames fit; `receive_drops` tells when that was not enough.
+    """
+    wanted_bytes = frames * FRAME_BYTES
+    if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < wanted_bytes:
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, wanted_bytes // 2)
+        except OSError:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted_bytes // 2)
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // FRAME_BYTES
+
+
+def receive_drops(sock: socket.socket) -> int:
+    """Frames the kernel has thrown away since the socket was made, for its queue was full.
+
+    The counter is the one that SO_RXQ_OVFL sends along with frames. Read from SO_MEMINFO (Linux
+    4.12) it is known without waiting for the next frame, and without that ancillary message, which
+    python-can's receiver takes for an error.
+    """
+    info = sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMINFO.size)
+    drops: int = _MEMINFO.unpack(info)[_MEMINFO_DROPS]
+    return drops
+
+
+class Arrivals:
+    """When frames arrived, on a monotonic clock, from the kernel's stamps on the system's clock.
+
+    The stamp says how old a frame is when it is read, as long as nobody sets the system's clock in
+    between (NTP, a person). So the stamp is trusted only between two facts of the monotonic clock:
+    a frame arrived after the queue was last known to be empty and after the frame before it, and
+    it arrived before it was read. A step of the system's clock, however large, moves an arrival
+    within that interval and no further, and for frames that are in the queue at that moment alone.
+    A frame that the kernel has not stamped yet gets its stamp when it is read.
+
+    Args:
+        realtime: the system's clock in ns since 1970, on which the kernel stamps.
+        start_ns: monotonic time of the socket's opening.
+    """
+
+    def __init__(self, realtime: Callable[[], int], start_ns: int) -> None:
+        self._realtime = realtime
+        self._earliest_ns = start_ns
+
+    def arrival_ns(self, stamp_s: float, now_ns: int) -> int:
+        """Arrival of a frame stamped `stamp_s` that is read at `now_ns`; never before the last."""
+        # `now_ns` was read first: a pause between the two clocks makes a frame older, not younger.
+        age_ns = self._realtime() - round(stamp_s * _NS_PER_S)
+        self._earliest_ns = max(self._earliest_ns, min(now_ns - age_ns, now_ns))
+        return self._earliest_ns
+
+    def was_empty(self, asked_ns: int) -> None:
+        """The queue turned out to be empty when it was asked for a frame, not before `asked_ns`."""
+        self._earliest_ns = max(self._earliest_ns, asked_ns)

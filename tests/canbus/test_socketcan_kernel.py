@@ -1,0 +1,125 @@
+"""The same on a kernel with SocketCAN and the right to make devices, as in the virtual machine:
+`dbw vm run -- .venv/bin/python -m pytest tests/canbus/test_socketcan_kernel.py`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from canbus.bus import BusStatistics
+from canbus.frame import Frame
+from canbus.python_can_bus import PythonCanBus
+from canbus.socketcan import FRAME_BYTES, SO_MEMINFO
+from runtime.clock import NS_PER_MS, monotonic_ns, realtime_ns
+
+CHANNEL = "vcan77"
+
+
+def ip(*arguments: str) -> bool:
+    return subprocess.run(["ip", *arguments], capture_output=True, check=False).returncode == 0
+
+
+def make_device() -> bool:
+    return ip("link", "add", "dev", CHANNEL, "type", "vcan") and ip("link", "set", CHANNEL, "up")
+
+
+def has_socketcan() -> bool:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return os.geteuid() == 0 and shutil.which("ip") is not None
+
+
+pytestmark = [
+    pytest.mark.wall_clock,
+    pytest.mark.skipif(not has_socketcan(), reason="no SocketCAN, or no right to make devices"),
+]
+
+
+def open_bus(backlog_frames: int | None = None) -> PythonCanBus:
+    return PythonCanBus(
+        "socketcan",
+        CHANNEL,
+        clock=monotonic_ns,
+        realtime=realtime_ns,
+        backlog_frames=backlog_frames,
+    )
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
+    """Sender and receiver on a device of their own."""
+    assert make_device()
+    try:
+        with open_bus() as sender, open_bus(backlog_frames=639) as receiver:
+            yield sender, receiver
+    finally:
+        ip("link", "del", CHANNEL)
+
+
+Pair = tuple[PythonCanBus, PythonCanBus]
+
+
+def queue_bytes(bus: PythonCanBus) -> int:
+    assert bus._socket is not None
+    info = bus._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 36)
+    used: int = struct.unpack("@9I", info)[0]
+    return used
+
+
+def test_a_frame_costs_what_the_queue_is_sized_with(pair: Pair) -> None:
+    sender, receiver = pair
+    for length in range(9):
+        assert sender.send(Frame(0x181, bytes(length)))
+    assert queue_bytes(receiver) == 9 * FRAME_BYTES
+
+
+def test_the_queue_holds_what_was_asked_for_and_the_rest_is_counted(pair: Pair) -> None:
+    sender, receiver = pair
+    assert all(sender.send(Frame(0x181, bytes(8))) for _ in range(1_000))
+    assert receiver.statistics.rx_lost == 1_000 - 639
+    assert len(receiver.receive(0)) == 639
+
+
+def test_arrival_is_when_the_frame_was_sent_and_not_when_it_is_read(pair: Pair) -> None:
+    sender, receiver = pair
+    pause = threading.Event()
+    pause.wait(0.1)  # the kernel begins to stamp a moment after the first socket has asked for it
+    begin_ns = monotonic_ns()
+    sender.send(Frame(0x181))
+    pause.wait(0.05)
+    (received,) = receiver.receive(0)
+    assert begin_ns <= received.arrival_ns <= monotonic_ns() - 40 * NS_PER_MS
+
+
+def test_a_link_that_goes_down_is_silence_and_comes_back(pair: Pair) -> None:
+    sender, receiver = pair
+    assert ip("link", "set", CHANNEL, "down")
+    assert receiver.receive(NS_PER_MS) == [] and not sender.send(Frame(0x181))
+    assert receiver.statistics == BusStatistics(rx_failures=1)
+    assert ip("link", "set", CHANNEL, "up")
+    sender.receive(0)
+    assert sender.send(Frame(0x182))
+    assert [item.frame for item in receiver.receive(1_000 * NS_PER_MS)] == [Frame(0x182)]
+
+
+def test_a_device_that_is_removed_and_made_anew_is_opened_again(pair: Pair) -> None:
+    sender, receiver = pair
+    assert ip("link", "del", CHANNEL)
+    for bus in pair:
+        bus.receive(0)
+        assert bus.receive(NS_PER_MS) == [] and not bus.send(Frame(0x181))
+    assert make_device()
+    for bus in pair:
+        bus.receive(1_100 * NS_PER_MS)
+        bus.receive(0)
+    assert sender.send(Frame(0x183))
+    assert [item.frame for item in receiver.receive(1_000 * NS_PER_MS)] == [Frame(0x183)]
