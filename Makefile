@@ -20,6 +20,7 @@ test: $(STAMP)
 	$(BIN)/python -m pytest tests/gateway -m wall_clock --cov --cov-append --cov-report=
 	$(BIN)/python -m coverage report --fail-under=100
 	$(BIN)/python -m pytest -m wall_clock
+	$(BIN)/python -m tests.vcan
 
 test-fast: $(STAMP)
 	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow and not wall_clock"

@@ -1,0 +1,353 @@
+"""The stack on real SocketCAN: a process per node, a car whose parts can be broken, candump.
+
+Processes are forked from one server that has imported everything once: starting Python anew for
+each would cost seconds under emulation.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Self
+
+from canbus.frame import Frame, ReceivedFrame
+from canbus.node import Event
+from canbus.python_can_bus import PythonCanBus
+from dbc.codec import Decoded, decode
+from dbc.endpoint import STOPPING_IDS
+from dbc.harness import DriverHandsWire
+from dbc.messages import Inhibit, Mode, SupervisorState
+from gateway.sentences import INHIBIT_TEXT
+from runtime.clock import NS_PER_S, monotonic_ns
+from runtime.harness import decode_harness, harness_frame
+from runtime.node_process import run_node_process
+from runtime.nodes import NODES, PLANT
+from runtime.plant_process import ACCEPTANCE, PlantSide, build_car, run_plant
+from runtime.process_settings import ProcessSettings
+from runtime.stopping import StopRequest
+from simulation.plant.state import PlantFaults, Truth
+from tests.vcan.planner import Planner, answer, planner_main
+
+PRELOAD = [
+    "tests.vcan.stack", "ecus.steering.ecu", "ecus.throttle.ecu", "ecus.brake_servo.ecu",
+    "ecus.supervisor.ecu", "safety_monitor.monitor", "can.interfaces.socketcan",
+]
+PLANNER = "planner"
+ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
+MOVING_MPS = 2.0
+RECOVERY_S_MAX = 20.0
+VEHICLE_BUS, HARNESS_BUS = "vcan0", "vcan1"
+VEHICLE = "tabby_evo"
+HANDS_OFF: dict[str, Any] = {
+    "steering_torque_nm": 0.0, "throttle_pedal_ratio": 0.0, "brake_pedal_ratio": 0.0,
+    "button_pressed": False, "emergency_stop_pressed": False,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """One line of `candump -L`."""
+
+    time_s: float
+    channel: str
+    can_id: int
+    data: bytes
+
+    @property
+    def content(self) -> Any:
+        """The message, or None for what is none of ours or cannot be used."""
+        frame = Frame(self.can_id, self.data)
+        if self.channel == HARNESS_BUS:
+            reading = decode_harness(ReceivedFrame(0, frame))
+            return None if reading is None else reading.content
+        decoded = decode(frame)
+        return decoded.message if isinstance(decoded, Decoded) else None
+
+
+def read_log(path: Path, since_s: float = 0.0) -> list[Line]:
+    """Whole lines so far, those since then."""
+    lines: list[Line] = []
+    for text in reversed(path.read_text().split("\n")[:-1]):
+        stamp, channel, frame = text.split(" ")[:3]
+        if float(stamp.strip("()")) < since_s:
+            break
+        can_id, _, data = frame.partition("#")
+        lines.append(
+            Line(
+                time_s=float(stamp.strip("()")), channel=channel, can_id=int(can_id, 16),
+                data=b"" if data.startswith("R") else bytes.fromhex(data),
+            )
+        )
+    lines.reverse()
+    return lines
+
+
+def pause(span_s: float) -> None:
+    """The wall clock is the subject here."""
+    threading.Event().wait(span_s)
+
+
+def _say(event: Event) -> None:
+    sys.stdout.write(f"{event.time_ns / 1e9:.4f} {event.node} {event.kind}: {event.text}\n")
+    sys.stdout.flush()
+
+
+def _redirect(log: Path) -> None:
+    """This process's output goes to a file of its own, appended."""
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    sys.stdout = os.fdopen(1, "w", closefd=False)
+
+
+def node_main(settings: ProcessSettings, log: Path) -> None:
+    """A node's process, as `dbw ecu`."""
+    _redirect(log)
+    sys.exit(run_node_process(settings, _say).exit_code)
+
+
+def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> None:
+    """The car's process; `(name, value)` on the pipe breaks something."""
+    _redirect(log)
+    vehicle = settings.load_vehicle()
+    start_ns = monotonic_ns()
+    car = build_car(vehicle, seed=1, start_ns=start_ns)
+    plant = PlantSide(car, start_ns)
+    whole = PlantFaults()
+
+    def on_cycle(truth: Truth) -> None:
+        while control.poll():
+            name, value = control.recv()
+            if name == "truth":
+                control.send(truth)
+            elif name == "repair":
+                for field in fields(PlantFaults):
+                    setattr(car.faults, field.name, getattr(whole, field.name))
+            else:
+                setattr(car.faults, name, value)
+
+    with StopRequest() as stop, settings.harness_bus(vehicle, ACCEPTANCE) as bus:
+        run_plant(plant, bus, monotonic_ns, stop, _say, on_cycle)
+
+
+class Stack:
+    """All nodes, the car and a planner; `with` starts them and ends them.
+
+    Args:
+        folder: for logs.
+        channel: the vehicle bus.
+    """
+
+    def __init__(self, folder: Path, *, channel: str = VEHICLE_BUS) -> None:
+        self.folder = folder
+        self.channel = channel
+        self.log_path = folder / "bus.log"
+        self.processes: dict[str, Any] = {}
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(PRELOAD)
+        self._hands = dict(HANDS_OFF)
+        self._harness = PythonCanBus(
+            "socketcan", HARNESS_BUS, clock=monotonic_ns, acceptance=frozenset()
+        )
+
+    def __enter__(self) -> Self:
+        with self.log_path.open("wb") as log:
+            # stdbuf: a line at a time, so that a test can read it while it grows
+            self._candump = subprocess.Popen(
+                ["stdbuf", "-oL", "candump", "-L", "-r", "4000000", self.channel, HARNESS_BUS],
+                stdout=log,
+            )
+        self._harness.__enter__()
+        self._start_plant()
+        for name in NODES:
+            self.start(name)
+        self.start_planner()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for process in self.processes.values():
+            if process.is_alive():
+                os.kill(process.pid, signal.SIGCONT)
+                process.terminate()
+        for process in self.processes.values():
+            process.join(5.0)
+            if process.is_alive():
+                process.kill()
+                process.join()
+        self._harness.close()
+        self._candump.terminate()
+        self._candump.wait()
+
+    # Processes -------------------------------------------------------------------------------
+
+    def _settings(self, name: str) -> ProcessSettings:
+        return ProcessSettings(
+            name=name, vehicle=VEHICLE, interface="socketcan", channel=self.channel,
+            harness_channel=HARNESS_BUS,
+        )
+
+    def _start_plant(self) -> None:
+        self._control, theirs = self._context.Pipe()
+        self._run(PLANT, plant_main, self._settings(PLANT), self._path(PLANT), theirs)
+
+    def start(self, name: str) -> None:
+        """Starts a node, anew if it has ended."""
+        self._run(name, node_main, self._settings(name), self._path(name))
+
+    def start_planner(self) -> None:
+        """Starts the planner, anew if it has ended."""
+        ours, theirs = self._context.Pipe()
+        self.planner = Planner(ours)
+        self._run(PLANNER, planner_main, self.channel, theirs)
+
+    def _run(self, name: str, main: Callable[..., None], *arguments: Any) -> None:
+        process = self._context.Process(target=main, args=arguments, name=name)
+        process.start()
+        self.processes[name] = process
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.log"
+
+    def said(self, name: str) -> str:
+        """What a node has reported."""
+        path = self._path(name)
+        return path.read_text() if path.exists() else ""
+
+    def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> float:
+        """Sends a signal; answers the time, comparable with the log's."""
+        now_s = time.time()
+        os.kill(self.processes[name].pid, number)
+        return now_s
+
+    # The car and its driver ------------------------------------------------------------------
+
+    def hands(self, **inputs: Any) -> float:
+        """What the driver does from now on; answers the time, comparable with the log's."""
+        self._hands.update(inputs)
+        now_s = time.time()
+        assert self._harness.send(harness_frame("DRIVER_HANDS", DriverHandsWire(**self._hands)))
+        return now_s
+
+    def break_(self, name: str, value: Any = True) -> float:
+        """A fault of the car (`PlantFaults`); answers the time."""
+        now_s = time.time()
+        self._control.send((name, value))
+        return now_s
+
+    def truth(self) -> Truth:
+        """Where the car truly is."""
+        self._control.send(("truth", None))
+        truth: Truth = answer(self._control)
+        return truth
+
+    def press_button(self) -> None:
+        """Auto/Manual, pressed and let go."""
+        self.hands(button_pressed=True)
+        pause(0.15)
+        self.hands(button_pressed=False)
+
+    # Procedures ------------------------------------------------------------------------------
+
+    def recover(self) -> None:
+        """After whatever happened: every process runs, nothing is broken, MANUAL, standing."""
+        for name, process in list(self.processes.items()):
+            if process.is_alive():
+                os.kill(process.pid, signal.SIGCONT)
+            elif name == PLANNER:
+                self.start_planner()
+            else:
+                self.start(name)
+        self._control.send(("repair", None))
+        self.planner.stop()
+        self.hands(**{**HANDS_OFF, "brake_pedal_ratio": 0.6})
+        self.wait(lambda: abs(self.truth().speed_mps) < 0.01, 10.0)
+        self.hands(**HANDS_OFF)
+        self.wait(self._is_ready, RECOVERY_S_MAX)
+
+    def _is_ready(self) -> bool:
+        state = self.planner.state()
+        if state.mode is Mode.EMERGENCY:
+            self.planner.attempt("reset", timeout_s=1.0)
+        elif state.mode is Mode.READY:
+            self.press_button()
+        return state.mode is Mode.MANUAL and state.why_not_engaged == ONLY_THE_BUTTON
+
+    def engage(self) -> None:
+        """From MANUAL to AUTOMATIC."""
+        self.press_button()
+        self.wait(lambda: self.planner.state().mode is Mode.READY, 1.0)
+        assert self.planner.attempt("engage", timeout_s=3.0) is None
+
+    def drive(self, speed_mps: float = 3.0, curvature_per_m: float = 0.0) -> None:
+        """Engages and drives until the car moves."""
+        self.engage()
+        self.planner.go(speed_mps, curvature_per_m)
+        self.wait(lambda: self.truth().speed_mps > MOVING_MPS, 5.0)
+
+    def wait(self, condition: Callable[[], bool], limit_s: float) -> None:
+        """Until the condition holds, at most so long in the guest's time."""
+        deadline_ns = monotonic_ns() + round(limit_s * NS_PER_S)
+        while not condition():
+            assert monotonic_ns() < deadline_ns, f"not within {limit_s:g} s\n{self.story()}"
+            pause(0.05)
+
+    # What was on the bus ---------------------------------------------------------------------
+
+    def log(self, since_s: float = 0.0) -> list[Line]:
+        """What was on the vehicle bus."""
+        lines = read_log(self.log_path, since_s)
+        return [line for line in lines if line.channel == self.channel]
+
+    def harness_log(self, since_s: float) -> list[Line]:
+        """What was on the wires."""
+        return [line for line in read_log(self.log_path, since_s) if line.channel == HARNESS_BUS]
+
+    def sensed(self, since_s: float, is_it: Callable[[Any], bool]) -> float:
+        """When the first reading of a kind was on the wires."""
+        found: list[Line] = []
+
+        def has_come() -> bool:
+            found.extend(line for line in self.harness_log(since_s) if is_it(line.content))
+            return bool(found)
+
+        self.wait(has_come, 1.0)
+        return found[0].time_s
+
+    def first(self, since_s: float, is_it: Callable[[Line], bool], limit_s: float = 2.0) -> Line:
+        """Waits for the first frame of a kind."""
+        found: list[Line] = []
+
+        def has_come() -> bool:
+            found.extend(line for line in self.log(since_s) if is_it(line))
+            return bool(found)
+
+        self.wait(has_come, limit_s)
+        return found[0]
+
+    @property
+    def mode(self) -> Mode:
+        """What the supervisor said last."""
+        states = (line.content for line in reversed(self.log(time.time() - 0.2)))
+        return next(state.mode for state in states if isinstance(state, SupervisorState))
+
+    def first_brake(self, since_s: float) -> Line:
+        """The first EMERGENCY_BRAKE since then."""
+        return self.first(since_s, lambda line: line.can_id in STOPPING_IDS)
+
+    def brakes(self) -> None:
+        """Waits until the brakes are fully on and the car stands."""
+        self.wait(lambda: self.truth().brake_ratio > 0.9, 1.0)
+        self.wait(lambda: abs(self.truth().speed_mps) < 0.01, 5.0)
+
+    def story(self) -> str:
+        """What every node has said lately, for a test that fails."""
+        return "\n".join(f"{name}: ...{self.said(name)[-400:]}" for name in (*NODES, PLANT))

@@ -1,0 +1,109 @@
+"""ER0 to ER6 on real SocketCAN: a cause outside the nodes, EMCY, brake frame, actuator."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+
+from canbus.node import NODE_IDS
+from dbc.harness import SteeringSensorsWire, SupervisorSensorsWire
+from dbc.messages import Emcy, EmergencyBrake, ErrorCode, Mode, Reason
+from tests.vcan.stack import VEHICLE_BUS, Line, Stack, pause
+
+SENSED_S = 0.020 + 0.001
+SILENT_S = 0.075 + 0.001
+"""The design's time budgets, plus the wire."""
+PLANNER_SILENT_S = 0.085 + 0.015 + 0.001
+BRAKE_S = 0.29
+
+
+def _is_stop_pressed(reading: object) -> bool:
+    return isinstance(reading, SupervisorSensorsWire) and reading.emergency_stop_pressed
+
+
+def _is_motor_faulty(reading: object) -> bool:
+    return isinstance(reading, SteeringSensorsWire) and reading.motor_fault
+
+
+def _is_out_of_bounds(reading: object) -> bool:
+    return isinstance(reading, SteeringSensorsWire) and reading.column_angle_rad > 14.0
+
+
+def cansend(text: str, channel: str = VEHICLE_BUS) -> float:
+    """Sends as a user would; answers the time before."""
+    now_s = time.time()
+    subprocess.run(["cansend", channel, text], check=True)
+    return now_s
+
+
+def emcy(stack: Stack, since_s: float, node: str, code: ErrorCode) -> Line:
+    """The node's EMCY frame with this code."""
+
+    def is_it(line: Line) -> bool:
+        message = line.content if line.can_id == 0x080 + NODE_IDS[node] else None
+        return isinstance(message, Emcy) and message.er_code is code
+
+    return stack.first(since_s, is_it)
+
+
+def brakes_for(stack: Stack, since_s: float, code: ErrorCode, within_s: float) -> EmergencyBrake:
+    """EMERGENCY_BRAKE comes in time with this code, and the car brakes to a stand."""
+    line = stack.first_brake(since_s)
+    message = line.content
+    assert isinstance(message, EmergencyBrake)
+    assert message.code is code, message
+    assert line.time_s - since_s < within_s, f"{line.time_s - since_s:.4f} s"
+    stack.brakes()
+    assert stack.mode is Mode.EMERGENCY
+    return message
+
+
+def test_er0_a_malformed_command_is_ignored_counted_and_reported(driving: Stack) -> None:
+    since_s = cansend("202#0011")
+    emcy(driving, since_s, "Steering", ErrorCode.ER0)
+    pause(0.3)
+    assert not [line for line in driving.log(since_s) if 0x010 < line.can_id < 0x020]
+    assert driving.mode is Mode.AUTOMATIC
+
+
+def test_er1_the_emergency_stop_button_brakes(driving: Stack) -> None:
+    begin_s = driving.hands(emergency_stop_pressed=True)
+    since_s = driving.sensed(begin_s, _is_stop_pressed)
+    message = brakes_for(driving, since_s, ErrorCode.ER1, SENSED_S)
+    assert message.reason in (Reason.EMERGENCY_STOP_INPUT, Reason.VERDICT_BRAKE)
+    emcy(driving, since_s, "Supervisor", ErrorCode.ER1)
+
+
+def test_er1_the_failsafe_frame_of_anybody_brakes(driving: Stack) -> None:
+    begin_s = cansend("001#")
+    since_s = driving.first(begin_s, lambda line: line.can_id == 0x001).time_s
+    brakes_for(driving, since_s, ErrorCode.ER1, SENSED_S)
+
+
+def test_er2_a_stopped_node_brakes(driving: Stack) -> None:
+    since_s = driving.kill("throttle", signal.SIGSTOP)
+    message = brakes_for(driving, since_s, ErrorCode.ER2, SILENT_S)
+    assert message.reason in (Reason.NODE_SILENT, Reason.VERDICT_BRAKE)
+    emcy(driving, since_s, "Supervisor", ErrorCode.ER2)
+
+
+def test_er4_a_fault_of_the_motor_driver_brakes_and_lets_the_wheel_go(driving: Stack) -> None:
+    begin_s = driving.break_("steering_motor_fault")
+    since_s = driving.sensed(begin_s, _is_motor_faulty)
+    message = brakes_for(driving, since_s, ErrorCode.ER4, SENSED_S)
+    assert message.reason is Reason.MOTOR_FAULT
+    emcy(driving, since_s, "Steering", ErrorCode.ER4)
+
+
+def test_er5_a_silent_planner_brakes(driving: Stack) -> None:
+    since_s = driving.kill("planner", signal.SIGSTOP)
+    brakes_for(driving, since_s, ErrorCode.ER5, PLANNER_SILENT_S)
+
+
+def test_er6_a_steering_sensor_out_of_bounds_brakes(driving: Stack) -> None:
+    begin_s = driving.break_("steering_angle_override_rad", 15.0)
+    since_s = driving.sensed(begin_s, _is_out_of_bounds)
+    message = brakes_for(driving, since_s, ErrorCode.ER6, SENSED_S)
+    assert message.reason is Reason.SENSOR_OUT_OF_BOUNDS
+    emcy(driving, since_s, "Steering", ErrorCode.ER6)
