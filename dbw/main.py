@@ -32,7 +32,7 @@ COMMANDS = {
 
 
 class PlainGroup(click.Group):
-    """A group that shows its help when called bare, and answers a wrong name with the right ones."""
+    """A group that shows its help when called bare and names its commands when one is wrong."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click's, but no arguments at all are a question, not a mistake."""

@@ -68,7 +68,7 @@ def install(packages: Sequence[str], say: Say) -> None:
         raise VmError(f"{', '.join(packages)} missing, and this is no Debian: install them first")
     root = _root_prefix()
     if root is None:
-        raise VmError(how)
+        raise VmError(f"{', '.join(packages)} missing: {how}")
     say(f"installing {' '.join(packages)}")
     command = [*root, "env", "DEBIAN_FRONTEND=noninteractive", *APT, "install", "-y",
                "--no-install-recommends", *packages]

@@ -22,8 +22,9 @@ CACHE_VARIABLE = "CAN_BY_WIRE_CACHE"
 MODULES = (
     "virtio_pci", "virtio_console", "9pnet_virtio", "9p", "overlay",
     "can", "can-raw", "can-bcm", "can-gw", "can-dev", "vcan", "vxcan", "sja1000", "kvaser_pci",
+    "sch_tbf",
 )
-"""Kernel modules: the machine's own devices, then all kinds of CAN."""
+"""Kernel modules: the machine's own devices, then all kinds of CAN, and a slow queue."""
 
 STEPS = 5
 """Reports that `prepare` gives, the last one when it is done."""

@@ -18,7 +18,7 @@ $b mount -t tmpfs -o mode=755 tmpfs /upper
 $b mkdir /upper/top /upper/work
 $b mount -t overlay -o lowerdir=/host,upperdir=/upper/top,workdir=/upper/work overlay /root \
     || $b poweroff -f
-for folder in tmp run dev/shm; do
+for folder in run dev/shm; do
     [ "$folder" = dev/shm ] && $b mount --move /dev /root/dev
     $b mkdir -p "/root/$folder"
     $b mount -t tmpfs -o mode=1777 tmpfs "/root/$folder"

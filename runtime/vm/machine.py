@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -30,11 +29,14 @@ from runtime.vm.image import Image
 BOOT_S_MAX = 180.0
 """Booting takes seconds; on a machine that computes something else, perhaps a minute."""
 
-LAST_LINES = 15
+LAST_LINES = 40
 """Of the guest's console, shown when it fails."""
 
 EXIT_CANNOT_RUN = 126
 """As shells have it; here also for a folder that the guest does not have."""
+
+END_S_MAX = 5.0
+"""QEMU needs a moment; then it is killed."""
 
 LOOK_S = 0.1
 PR_SET_PDEATHSIG = 1
@@ -194,6 +196,7 @@ class Machine:
         }
         self._stack = ExitStack()
         self._threads: list[threading.Thread] = []
+        self._taken = dict.fromkeys(self._sinks, 0)
         self._sink_error: OSError | ValueError | None = None
 
     def __enter__(self) -> Machine:
@@ -234,6 +237,8 @@ class Machine:
             if is_stopped():
                 return None
             self._raise_sink_error()
+            if self._is_done():
+                break
             passed_s = (monotonic_ns() - begin_ns) / NS_PER_S
             if passed_s > self._settings.timeout_s:
                 raise self._failure(f"took longer than {self._settings.timeout_s:g} s")
@@ -243,14 +248,26 @@ class Machine:
                 self._process.wait(LOOK_S)
             except subprocess.TimeoutExpired:
                 continue
-        for thread in self._threads:
-            thread.join()
+        self._end()
         self._raise_sink_error()
-        try:
-            return int((self._job / "exit").read_text())
-        except (OSError, ValueError):
+        code = self._number("exit")
+        if code is None:
             did_boot = (self._job / "state").exists()
-            raise self._failure("died" if did_boot else "did not boot") from None
+            raise self._failure("died" if did_boot else "did not boot")
+        return code
+
+    def _is_done(self) -> bool:
+        """Whether the command has ended, and all that it wrote has come."""
+        return self._number("exit") is not None and all(
+            self._number(f"copied.{name}") == taken for name, taken in self._taken.items()
+        )
+
+    def _number(self, name: str) -> int | None:
+        """What the last line of a file for the job begins with, once it is there."""
+        try:
+            return int((self._job / name).read_text().splitlines()[-1].split()[0])
+        except (OSError, ValueError, IndexError):
+            return None
 
     def _write_job(self) -> None:
         settings = self._settings
@@ -261,9 +278,7 @@ class Machine:
         folders = "".join(f"{folder.resolve()}\n" for folder in settings.writable)
         (self._job / "writable").write_bytes(os.fsencode(folders))
         if self._interactive:
-            size = shutil.get_terminal_size()
-            text = f"cols {size.columns} rows {size.lines}"
-            (self._job / "interactive").write_text(text, encoding="utf-8")
+            (self._job / "interactive").touch()
 
     def _start(self) -> subprocess.Popen[bytes]:
         readers, writers = {}, {}
@@ -289,18 +304,20 @@ class Machine:
             for descriptor in writers.values():
                 os.close(descriptor)
         for name, descriptor in readers.items():
-            thread = threading.Thread(target=self._pass_on, args=(descriptor, self._sinks[name]))
+            thread = threading.Thread(target=self._pass_on, args=(descriptor, name))
             thread.start()
             self._threads.append(thread)
         return process
 
-    def _pass_on(self, descriptor: int, sink: BinaryIO) -> None:
+    def _pass_on(self, descriptor: int, name: str) -> None:
         """Copies what comes until the guest has gone, or nobody takes it any more."""
+        sink = self._sinks[name]
         with open(descriptor, "rb", buffering=0) as source:
             try:
                 while chunk := source.read(65536):
                     sink.write(chunk)
                     sink.flush()
+                    self._taken[name] += len(chunk)
             except (OSError, ValueError) as error:  # ValueError: the sink is closed on this side
                 self._sink_error = error
 
@@ -312,7 +329,7 @@ class Machine:
         if self._process.poll() is None:
             self._process.terminate()
             try:
-                self._process.wait(5.0)
+                self._process.wait(END_S_MAX)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
