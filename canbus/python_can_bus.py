@@ -173,7 +173,7 @@ class PythonCanBus:
         wait_ns = max(0, timeout_ns)
         for _ in range(RECEIVE_FRAMES_MAX):
             try:
-                message = self._bus.recv(wait_ns / 1e9)
+                message = self._read(wait_ns / 1e9)
             except (can.CanError, OSError) as error:
                 self._rx_failures += 1
                 self._check_gone(error)
@@ -201,6 +201,19 @@ class PythonCanBus:
             rx_failures=self._rx_failures,
             error_frames=self._error_frames,
         )
+
+    def _read(self, wait_s: float) -> can.Message | None:
+        """The next frame, or None after a while.
+
+        python-can's `recv` waits by the system's clock: when that is set back, all nodes at once
+        would wait for as long. A socket is therefore waited for here, by the monotonic clock.
+        """
+        assert self._bus is not None
+        if self._socket is None:
+            return self._bus.recv(wait_s)
+        if not select.select([self._socket], [], [], wait_s)[0]:
+            return None
+        return self._bus._recv_internal(0)[0]
 
     def _take(self, message: can.Message, now_ns: int, frames: list[ReceivedFrame]) -> None:
         """Append `message` to `frames` if it is accepted, and count it."""

@@ -193,11 +193,12 @@ class Device:
         self.sent += 1
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
+        raise AssertionError("waits by the system's clock, which may be set back")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        assert timeout == 0
         self._fail()
-        if self.waiting:
-            return self.waiting.pop(0)
-        self.clocks.now_ns += round((timeout or 0) * S)
-        return None
+        return self.waiting.pop(0), True
 
     def shutdown(self) -> None:
         self.closed += 1
@@ -208,12 +209,17 @@ def device(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
     clocks = Clocks()
     device = Device(clocks)
 
-    def pause(read: object, write: object, errors: object, timeout_s: float) -> None:
+    def wait(
+        read: list[object], write: object, errors: object, timeout_s: float
+    ) -> tuple[list[object], list[object], list[object]]:
+        if read and (device.errors or device.waiting):
+            return read, [], []
         clocks.now_ns += round(timeout_s * S)
+        return [], [], []
 
     monkeypatch.setattr(can, "Bus", device.open)
     monkeypatch.setattr(socket, "if_nametoindex", device.if_nametoindex)
-    monkeypatch.setattr("canbus.python_can_bus.select.select", pause)
+    monkeypatch.setattr("canbus.python_can_bus.select.select", wait)
     with device.socket:
         yield device
 
@@ -245,6 +251,14 @@ def test_a_wait_without_frames_bounds_the_arrival_of_the_next(
     device.clocks.step_ns = 3_600 * S
     device.clocks.now_ns = 45 * MS
     assert bus.receive(0)[0].arrival_ns == 40 * MS
+
+
+def test_a_wait_is_measured_by_the_monotonic_clock_and_never_by_python_cans(
+    device: Device, bus: PythonCanBus
+) -> None:
+    device.clocks.step_ns = -3_600 * S
+    assert bus.receive(8 * MS) == []
+    assert device.clocks.now_ns == 8 * MS
 
 
 def test_the_receive_queue_gets_its_room(device: Device, bus: PythonCanBus) -> None:

@@ -6,6 +6,7 @@ each would cost seconds under emulation.
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -42,6 +43,7 @@ PRELOAD = [
     "ecus.supervisor.ecu", "safety_monitor.monitor", "can.interfaces.socketcan",
 ]
 PLANNER = "planner"
+CLONE_NEWNET = 0x40000000
 ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
 MOVING_MPS = 2.0
 RECOVERY_S_MAX = 20.0
@@ -77,7 +79,7 @@ def read_log(path: Path, since_s: float = 0.0) -> list[Line]:
     """Whole lines so far, those since then."""
     lines: list[Line] = []
     for text in reversed(path.read_text().split("\n")[:-1]):
-        stamp, channel, frame = text.split(" ")[:3]
+        stamp, channel, frame = text.split()[:3]
         if float(stamp.strip("()")) < since_s:
             break
         can_id, _, data = frame.partition("#")
@@ -109,9 +111,12 @@ def _redirect(log: Path) -> None:
     sys.stdout = os.fdopen(1, "w", closefd=False)
 
 
-def node_main(settings: ProcessSettings, log: Path) -> None:
-    """A node's process, as `dbw ecu`."""
+def node_main(settings: ProcessSettings, log: Path, namespace: str | None) -> None:
+    """A node's process, as `dbw ecu`; perhaps in a network namespace."""
     _redirect(log)
+    if namespace is not None:
+        with open(f"/run/netns/{namespace}") as file:
+            assert ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWNET) == 0
     sys.exit(run_node_process(settings, _say).exit_code)
 
 
@@ -144,12 +149,23 @@ class Stack:
 
     Args:
         folder: for logs.
-        channel: the vehicle bus.
+        channel: the vehicle bus, as the log and most nodes see it.
+        channels: where other processes see it, by name.
+        namespaces: network namespaces in which processes live, by name.
     """
 
-    def __init__(self, folder: Path, *, channel: str = VEHICLE_BUS) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        channel: str = VEHICLE_BUS,
+        channels: dict[str, str] | None = None,
+        namespaces: dict[str, str] | None = None,
+    ) -> None:
         self.folder = folder
         self.channel = channel
+        self._channels = channels or {}
+        self._namespaces = namespaces or {}
         self.log_path = folder / "bus.log"
         self.processes: dict[str, Any] = {}
         self._context = multiprocessing.get_context("forkserver")
@@ -163,7 +179,8 @@ class Stack:
         with self.log_path.open("wb") as log:
             # stdbuf: a line at a time, so that a test can read it while it grows
             self._candump = subprocess.Popen(
-                ["stdbuf", "-oL", "candump", "-L", "-r", "4000000", self.channel, HARNESS_BUS],
+                ["stdbuf", "-oL", "candump", "-D", "-L", "-r", "4000000",
+                 self.channel, HARNESS_BUS],
                 stdout=log,
             )
         self._harness.__enter__()
@@ -191,8 +208,8 @@ class Stack:
 
     def _settings(self, name: str) -> ProcessSettings:
         return ProcessSettings(
-            name=name, vehicle=VEHICLE, interface="socketcan", channel=self.channel,
-            harness_channel=HARNESS_BUS,
+            name=name, vehicle=VEHICLE, interface="socketcan",
+            channel=self._channels.get(name, self.channel), harness_channel=HARNESS_BUS,
         )
 
     def _start_plant(self) -> None:
@@ -201,13 +218,14 @@ class Stack:
 
     def start(self, name: str) -> None:
         """Starts a node, anew if it has ended."""
-        self._run(name, node_main, self._settings(name), self._path(name))
+        namespace = self._namespaces.get(name)
+        self._run(name, node_main, self._settings(name), self._path(name), namespace)
 
     def start_planner(self) -> None:
         """Starts the planner, anew if it has ended."""
         ours, theirs = self._context.Pipe()
         self.planner = Planner(ours)
-        self._run(PLANNER, planner_main, self.channel, theirs)
+        self._run(PLANNER, planner_main, self._channels.get(PLANNER, self.channel), theirs)
 
     def _run(self, name: str, main: Callable[..., None], *arguments: Any) -> None:
         process = self._context.Process(target=main, args=arguments, name=name)
@@ -336,12 +354,18 @@ class Stack:
     @property
     def mode(self) -> Mode:
         """What the supervisor said last."""
-        states = (line.content for line in reversed(self.log(time.time() - 0.2)))
-        return next(state.mode for state in states if isinstance(state, SupervisorState))
+        states = (line.content for line in reversed(self.log(time.time() - 0.5)))
+        mode = next((state.mode for state in states if isinstance(state, SupervisorState)), None)
+        assert mode is not None, f"no SUPERVISOR_STATE\n{self.story()}"
+        return mode
 
     def first_brake(self, since_s: float) -> Line:
         """The first EMERGENCY_BRAKE since then."""
         return self.first(since_s, lambda line: line.can_id in STOPPING_IDS)
+
+    def event(self, name: str, text: str, limit_s: float = 2.0) -> None:
+        """Waits until a node has reported this."""
+        self.wait(lambda: text in self.said(name), limit_s)
 
     def brakes(self) -> None:
         """Waits until the brakes are fully on and the car stands."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import time
 
 from canbus.node import NODE_IDS
 from dbc.harness import SteeringSensorsWire, SupervisorSensorsWire
 from dbc.messages import Emcy, EmergencyBrake, ErrorCode, Mode, Reason
-from tests.vcan.stack import VEHICLE_BUS, Line, Stack, pause
+from tests.vcan.shell import cansend
+from tests.vcan.stack import VEHICLE, Line, Stack, pause
+from vehicles import load_vehicle
 
 SENSED_S = 0.020 + 0.001
 SILENT_S = 0.075 + 0.001
 """The design's time budgets, plus the wire."""
 PLANNER_SILENT_S = 0.085 + 0.015 + 0.001
-BRAKE_S = 0.29
+ON_TIME_S = load_vehicle(VEHICLE).brake.on_time_s_max + 2.0
 
 
 def _is_stop_pressed(reading: object) -> bool:
@@ -30,21 +31,16 @@ def _is_out_of_bounds(reading: object) -> bool:
     return isinstance(reading, SteeringSensorsWire) and reading.column_angle_rad > 14.0
 
 
-def cansend(text: str, channel: str = VEHICLE_BUS) -> float:
-    """Sends as a user would; answers the time before."""
-    now_s = time.time()
-    subprocess.run(["cansend", channel, text], check=True)
-    return now_s
-
-
-def emcy(stack: Stack, since_s: float, node: str, code: ErrorCode) -> Line:
+def emcy(
+    stack: Stack, since_s: float, node: str, code: ErrorCode, limit_s: float = 2.0
+) -> Line:
     """The node's EMCY frame with this code."""
 
     def is_it(line: Line) -> bool:
         message = line.content if line.can_id == 0x080 + NODE_IDS[node] else None
         return isinstance(message, Emcy) and message.er_code is code
 
-    return stack.first(since_s, is_it)
+    return stack.first(since_s, is_it, limit_s)
 
 
 def brakes_for(stack: Stack, since_s: float, code: ErrorCode, within_s: float) -> EmergencyBrake:
@@ -107,3 +103,13 @@ def test_er6_a_steering_sensor_out_of_bounds_brakes(driving: Stack) -> None:
     message = brakes_for(driving, since_s, ErrorCode.ER6, SENSED_S)
     assert message.reason is Reason.SENSOR_OUT_OF_BOUNDS
     emcy(driving, since_s, "Steering", ErrorCode.ER6)
+
+
+def test_er3_a_servo_on_for_too_long_rests_at_standstill(driving: Stack) -> None:
+    driving.hands(emergency_stop_pressed=True)
+    driving.brakes()
+    since_s = time.time()
+    emcy(driving, since_s, "BrakeServo", ErrorCode.ER3, limit_s=ON_TIME_S)
+    driving.wait(lambda: driving.truth().servo_position_ratio < 0.1, 2.0)
+    assert abs(driving.truth().speed_mps) < 0.01
+    assert driving.mode is Mode.EMERGENCY
