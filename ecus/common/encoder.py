@@ -15,6 +15,11 @@ WINDOW_NS = 20_000_000
 """Edges are compared over at least this span, which averages the encoder's pitch error."""
 
 
+READING_AGE_S_MAX = 0.02
+"""A reading that comes over a bus may be two cycles old: edges since then are not known yet, and
+their absence says nothing about the speed."""
+
+
 class EncoderSpeed:
     """Turns counts and edge ages into rad/s of the encoder's shaft."""
 
@@ -40,8 +45,8 @@ class EncoderSpeed:
         elif edge_age_s >= STANDSTILL_S:
             self.speed_radps = 0.0
             self._count, self._edge_ns = count, edge_ns
-        elif edge_age_s > 0.0:
+        elif edge_age_s > READING_AGE_S_MAX:
             # With no edge for this long, the shaft cannot be faster than one edge in that time.
-            bound = self._rad_per_edge / edge_age_s
+            bound = self._rad_per_edge / (edge_age_s - READING_AGE_S_MAX)
             self.speed_radps = max(-bound, min(bound, self.speed_radps))
         return self.speed_radps

@@ -12,7 +12,7 @@ from dbc.messages import ErrorCode
 from ecus.brake_servo.control import RestInputs, ServoRest, approach
 from ecus.common.codes import CodeLatch, code_bits, code_flags
 from ecus.common.driver_input import Debounce
-from ecus.common.encoder import EncoderSpeed
+from ecus.common.encoder import READING_AGE_S_MAX, EncoderSpeed
 from ecus.common.limits import clamp, towards
 from tests.ecus.ecus_fakes import EncoderFake
 
@@ -63,10 +63,24 @@ def test_encoder_tells_standstill_a_quarter_second_after_the_last_edge(speed_mps
         count, age_s = fake.advance(0.0, DT_S)
         speed = encoder.update((100 + step) * 10 * MS, count, age_s)
         assert 0.0 <= speed <= before
-        if age_s > 0.0:
-            assert speed <= 2.0 * math.pi / 64.0 / age_s + 1e-9
+        if age_s > READING_AGE_S_MAX:
+            assert speed <= 2.0 * math.pi / 64.0 / (age_s - READING_AGE_S_MAX) + 1e-9
         before = speed
     assert speed == 0.0
+
+
+def test_a_reading_that_comes_a_cycle_late_is_no_wheel_that_slows_down() -> None:
+    encoder, fake = EncoderSpeed(64.0), EncoderFake(64.0)
+    shaft_radps = 3.0 / RADIUS_M * GEAR
+    _run(encoder, fake, shaft_radps, 99)
+    count, age_s = fake.advance(shaft_radps, DT_S)
+    for step in range(1, 51):
+        if step % 2:  # no new reading: the old one's edge is a cycle older
+            age_s += DT_S
+        else:
+            count, age_s = fake.advance(shaft_radps, 2 * DT_S)
+        speed = encoder.update((100 + step) * 10 * MS, count, age_s)
+        assert speed == pytest.approx(shaft_radps, rel=0.01)
 
 
 def test_encoder_follows_a_reversal() -> None:

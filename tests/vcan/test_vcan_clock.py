@@ -26,6 +26,5 @@ def test_a_step_of_the_clock_does_not_disturb_a_drive(
 ) -> None:
     time.clock_settime(time.CLOCK_REALTIME, time.time() + step_s)
     pause(0.5)
-    state = driving.planner.state()
-    assert state.mode is Mode.AUTOMATIC, state
-    assert state.speed_mps > 2.0, f"{driving.truth()}\n{driving.story()}"
+    assert driving.planner.state().mode is Mode.AUTOMATIC, driving.story()
+    assert driving.truth().speed_mps > 2.0, driving.story()
