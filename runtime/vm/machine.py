@@ -29,6 +29,7 @@ from runtime.vm.image import Image
 BOOT_S_MAX = 180.0
 """Booting takes seconds; on a machine that computes something else, perhaps a minute."""
 
+PANIC = "Kernel panic"
 LAST_LINES = 40
 """Of the guest's console, shown when it fails."""
 
@@ -345,7 +346,9 @@ class Machine:
             if path.exists():
                 text = path.read_text(encoding="utf-8", errors="replace")
                 lines += [line.rstrip() for line in text.splitlines() if line.strip()]
-        last = "\n".join(["", *lines[-LAST_LINES:]]) if lines else " nothing"
+        panics = [number for number, line in enumerate(lines) if PANIC in line]
+        begin = panics[0] if panics else max(0, len(lines) - LAST_LINES)  # its cause comes first
+        last = "\n".join(["", *lines[begin : begin + LAST_LINES]]) if lines else " nothing"
         return VmError(f"the virtual machine {what}; its last lines:{last}")
 
 
