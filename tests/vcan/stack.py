@@ -6,7 +6,6 @@ each would cost seconds under emulation.
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -43,7 +42,6 @@ PRELOAD = [
     "ecus.supervisor.ecu", "safety_monitor.monitor", "can.interfaces.socketcan",
 ]
 PLANNER = "planner"
-CLONE_NEWNET = 0x40000000
 ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
 MOVING_MPS = 2.0
 RECOVERY_S_MAX = 20.0
@@ -111,12 +109,9 @@ def _redirect(log: Path) -> None:
     sys.stdout = os.fdopen(1, "w", closefd=False)
 
 
-def node_main(settings: ProcessSettings, log: Path, namespace: str | None) -> None:
-    """A node's process, as `dbw ecu`; perhaps in a network namespace."""
+def node_main(settings: ProcessSettings, log: Path) -> None:
+    """A node's process, as `dbw ecu`."""
     _redirect(log)
-    if namespace is not None:
-        with open(f"/run/netns/{namespace}") as file:
-            assert ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWNET) == 0
     sys.exit(run_node_process(settings, _say).exit_code)
 
 
@@ -151,7 +146,6 @@ class Stack:
         folder: for logs.
         channel: the vehicle bus, as the log and most nodes see it.
         channels: where other processes see it, by name.
-        namespaces: network namespaces in which processes live, by name.
     """
 
     def __init__(
@@ -160,12 +154,10 @@ class Stack:
         *,
         channel: str = VEHICLE_BUS,
         channels: dict[str, str] | None = None,
-        namespaces: dict[str, str] | None = None,
     ) -> None:
         self.folder = folder
         self.channel = channel
         self._channels = channels or {}
-        self._namespaces = namespaces or {}
         self.log_path = folder / "bus.log"
         self.processes: dict[str, Any] = {}
         self._context = multiprocessing.get_context("forkserver")
@@ -218,8 +210,7 @@ class Stack:
 
     def start(self, name: str) -> None:
         """Starts a node, anew if it has ended."""
-        namespace = self._namespaces.get(name)
-        self._run(name, node_main, self._settings(name), self._path(name), namespace)
+        self._run(name, node_main, self._settings(name), self._path(name))
 
     def start_planner(self) -> None:
         """Starts the planner, anew if it has ended."""
