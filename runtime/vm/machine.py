@@ -210,6 +210,7 @@ class Machine:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="dbw-vm-"))
             self._job = Path(folder)
             self._write_job()
+            self._begin_ns = monotonic_ns()  # before QEMU: its own time counts
             self._process = self._start()
             self._stack = stack.pop_all()
         return self
@@ -233,14 +234,13 @@ class Machine:
                 last lines of its console.
             OSError: the output cannot be written; BrokenPipeError when nobody reads it any more.
         """
-        begin_ns = monotonic_ns()
         while self._process.poll() is None:
             if is_stopped():
                 return None
             self._raise_sink_error()
             if self._is_done():
                 break
-            passed_s = (monotonic_ns() - begin_ns) / NS_PER_S
+            passed_s = (monotonic_ns() - self._begin_ns) / NS_PER_S
             if passed_s > self._settings.timeout_s:
                 raise self._failure(f"took longer than {self._settings.timeout_s:g} s")
             if passed_s > BOOT_S_MAX and not (self._job / "state").exists():

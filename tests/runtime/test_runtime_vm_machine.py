@@ -189,6 +189,19 @@ def test_machine_that_does_not_boot_is_ended(
         outcome(HANG, qemu)
 
 
+def test_time_counts_from_the_machines_start_and_not_from_the_first_look(
+    qemu: Fake, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hurry(monkeypatch, qemu, after="console", passed_s=machine.BOOT_S_MAX + 1.0)
+    qemu.does(HANG)
+    out = io.BytesIO()
+    with Machine(IMAGE, MachineSettings(), ["true"], stdout=out, stderr=out) as it:
+        while not qemu.has("console"):
+            pass
+        with pytest.raises(VmError, match="did not boot within 180 s"):
+            it.wait()
+
+
 def test_machine_that_has_booted_may_take_its_time(
     qemu: Fake, monkeypatch: pytest.MonkeyPatch
 ) -> None:
