@@ -79,6 +79,19 @@ _CRC_BY_BYTES_BEHIND = [
 _CRC_TABLES = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
 
 
+def header_bits(can_id: int, kind: FrameKind, length: int) -> tuple[int, int]:
+    """Start of frame to length code as a number, and how many bits that is."""
+    if kind is FrameKind.EXTENDED:
+        base, rest = can_id >> 18, can_id & 0x3FFFF
+        return base << 27 | 0b11 << 25 | rest << 7 | length, EXTENDED_HEADER_BITS
+    return can_id << 7 | (kind is FrameKind.REMOTE) << 6 | length, STANDARD_HEADER_BITS
+
+
+def crc15(bits: int, count: int) -> int:
+    """CRC-15 of `count` bits, most significant first (ISO 11898-1)."""
+    return _crc(0, bits, count)
+
+
 @lru_cache(maxsize=4096)
 def _header(can_id: int, kind: FrameKind, length: int) -> tuple[int, _Row, int, list[list[int]]]:
     """What is known without the data: bits so far, row of the state, CRC so far, CRC tables."""
@@ -86,12 +99,7 @@ def _header(can_id: int, kind: FrameKind, length: int) -> tuple[int, _Row, int, 
         raise ValueError(f"no classical frame: {kind.name} with {length} bytes")
     if can_id >> (29 if kind is FrameKind.EXTENDED else 11):
         raise ValueError(f"identifier {can_id:#x} does not fit a {kind.name} frame")
-    if kind is FrameKind.EXTENDED:
-        count = EXTENDED_HEADER_BITS
-        bits = (can_id >> 18) << 27 | 0b11 << 25 | (can_id & 0x3FFFF) << 7 | length
-    else:
-        count = STANDARD_HEADER_BITS
-        bits = can_id << 7 | (kind is FrameKind.REMOTE) << 6 | length
+    bits, count = header_bits(can_id, kind, length)
     # Start of frame is dominant after a recessive bus: it starts the first run.
     stuffed, state = _stuff(0, bits, count - 1)
     fixed = count + 8 * length + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS

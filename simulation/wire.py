@@ -1,7 +1,8 @@
-"""The bus in virtual time: arbitration by identifier, exact frame lengths, loss by choice.
+"""The bus in virtual time: arbitration, exact frame lengths, errors, retransmission (ISO 11898-1).
 
-First version: frames win by the lowest identifier and are never pre-empted (ISO 11898-1); error
-frames and the controllers' error counters are not modelled yet.
+Frames win by their identifier and are never pre-empted. A frame that is disturbed, or that nobody
+acknowledges, ends in an error frame and is sent again; the controllers count (`controller.py`).
+A frame is heard at its end, and the next begins after the interframe space at the earliest.
 """
 
 from __future__ import annotations
@@ -10,9 +11,29 @@ import heapq
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from canbus.frame import Frame
-from canbus.timing import frame_time_ns
-from simulation.kernel import Kernel
+from canbus.bitstream import arbitration_key
+from canbus.frame import Frame, FrameKind
+from canbus.timing import INTERFRAME_SPACE_BITS, bits_time_ns, frame_time_ns
+from dbc.endpoint import ERROR_BUS_OFF
+from simulation.controller import (
+    DEFAULT_SETTINGS,
+    SUSPEND_BITS,
+    Controller,
+    ControllerSettings,
+    Count,
+    ErrorState,
+)
+from simulation.disturbance import (
+    Disturbance,
+    FrameError,
+    collided,
+    disturbed,
+    foreign_format,
+    found_by,
+    not_acknowledged,
+)
+from simulation.kernel import Action, Kernel
+from simulation.recovery import Recovery
 
 WIRE_PRIORITY = 0
 """Frames end before nodes step at the same instant."""
@@ -20,13 +41,18 @@ WIRE_PRIORITY = 0
 LOAD_WINDOW_NS = 100_000_000
 """Span over which the largest bus load is told."""
 
+BUS_OFF_FRAME = Frame(ERROR_BUS_OFF, bytes(8), FrameKind.ERROR)
+"""What a driver tells its program (Linux can/error.h)."""
 
 WireFrame = tuple[int, Frame]
 """True time at which the frame ended, and the frame."""
 
+Pending = tuple[int, int, Controller, Frame]
+"""Arbitration key, number in the order of sending, sender, frame."""
+
 
 class Station(Protocol):
-    """One controller on the wire."""
+    """One node on the wire."""
 
     name: str
 
@@ -43,88 +69,307 @@ Filter = Callable[[int, str, Frame, str], bool]
 """`(true_ns, sender, frame, receiver)`: False loses the frame for this receiver."""
 Witness = Callable[[int, str, Frame], None]
 """`(true_ns, sender, frame)`: sees every frame that was on the wire."""
+Disturber = Callable[[int, str, Frame], Disturbance | None]
+"""`(true_ns, sender, frame)`: what happens to a frame that begins now."""
 
 
 class Wire:
-    """One CAN bus. Every frame sent is heard by every other station."""
+    """One CAN bus. Every frame that goes through is heard by every other station.
+
+    Attributes:
+        controllers: by the name of their station, or of the stranger who sends.
+        filters: lose frames for single receivers, as a full receive buffer does.
+        disturbers: cut frames short.
+        frames, error_frames: so far.
+        busy_ns: time in which the wire was busy, interframe spaces in.
+        load_max: largest load within `LOAD_WINDOW_NS`.
+    """
 
     def __init__(self, kernel: Kernel, bitrate_bps: int) -> None:
         self._kernel = kernel
         self._bitrate_bps = bitrate_bps
-        self._stations: list[Station] = []
-        self._pending: list[tuple[int, int, str, Frame]] = []
-        self._sequence = 0
-        self._is_busy = False
-        self._sender = ""
-        self._frame = Frame(0)
-        self._span_ns = 0
+        self._space_ns = bits_time_ns(INTERFRAME_SPACE_BITS, bitrate_bps)
+        self._suspend_ns = bits_time_ns(SUSPEND_BITS, bitrate_bps)
+        self._stations: dict[str, Station] = {}
         self._receivers: dict[tuple[str, int], list[Station]] = {}
+        self._pending: list[Pending] = []
+        self._sequence = 0
+        self._is_begun = False  # a frame is under way, or its begin is planned
+        self._free_ns = 0
+        self._current: list[Pending] = []
+        self._error: FrameError | None = None
+        self._lost_for = ""
+        self._on_bus = 0
+        self._is_troubled = False  # some controller's counters are not zero
+        self._held: dict[Controller, list[Pending]] = {}  # error-passive ones let others go first
+        self._recoveries: list[Recovery] = []
         self._window_end_ns = LOAD_WINDOW_NS
         self._window_busy_ns = 0
+        self.controllers: dict[str, Controller] = {}
         self.filters: list[Filter] = []
+        self.disturbers: list[Disturber] = []
         self.witnesses: list[Witness] = []
         self.frames = 0
+        self.error_frames = 0
         self.busy_ns = 0
         self.load_max = 0.0
 
-    def attach(self, station: Station) -> None:
+    def attach(self, station: Station, settings: ControllerSettings = DEFAULT_SETTINGS) -> None:
         """Adds a station; order of attachment is order of delivery."""
-        self._stations.append(station)
+        self._stations[station.name] = station
         self._receivers.clear()
+        self._add(station.name, settings)
+
+    def _add(self, name: str, settings: ControllerSettings = DEFAULT_SETTINGS) -> Controller:
+        assert name not in self.controllers, f"{name} is on the wire already"
+        self._on_bus += 1
+        controller = self.controllers[name] = Controller(name, settings)
+        return controller
 
     def send(self, true_ns: int, sender: str, frames: Sequence[Frame]) -> None:
-        """Puts frames into the sender's queue; they leave by priority."""
+        """Puts frames into the sender's mailboxes; one that nobody attached is a stranger."""
+        if not frames:
+            return
+        controller = self.controllers.get(sender) or self._add(sender)
         for frame in frames:
-            self._sequence += 1
-            heapq.heappush(self._pending, (frame.can_id, self._sequence, sender, frame))
-        if frames and not self._is_busy:
+            if not controller.accept(frame):
+                continue
+            self._offer(controller, frame)
+        if self._pending and not self._is_begun:
+            self._plan(true_ns)
+
+    def _offer(self, controller: Controller, frame: Frame) -> None:
+        self._sequence += 1
+        entry = (arbitration_key(frame), self._sequence, controller, frame)
+        if self._held and controller in self._held:
+            self._held[controller].append(entry)
+        else:
+            heapq.heappush(self._pending, entry)
+
+    def _plan(self, true_ns: int) -> None:
+        """The next frame begins now, or when the interframe space is over."""
+        self._is_begun = True
+        if true_ns >= self._free_ns:
             self._begin(true_ns)
+        else:
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
+
+    # A frame ---------------------------------------------------------------------------------
 
     def _begin(self, true_ns: int) -> None:
-        _, _, sender, frame = heapq.heappop(self._pending)
-        self._is_busy = True
-        self._sender, self._frame = sender, frame
-        self._span_ns = frame_time_ns(frame, self._bitrate_bps)
-        self._kernel.at(true_ns + self._span_ns, WIRE_PRIORITY, self._end)
+        pending = self._pending
+        first = heapq.heappop(pending)
+        self._current = [first]
+        frame = first[3]
+        if (
+            (pending and pending[0][0] == first[0])
+            or self.disturbers
+            or self._on_bus < 2
+            or frame.kind is FrameKind.FD
+        ):
+            self._error = self._find_error(true_ns, first)
+            if self._error is not None:
+                bits = self._error.bits + INTERFRAME_SPACE_BITS
+                self._occupy(true_ns, bits_time_ns(bits, self._bitrate_bps), self._end_in_error)
+                return
+        self._occupy(true_ns, frame_time_ns(frame, self._bitrate_bps), self._end)
+
+    def _occupy(self, true_ns: int, span_ns: int, end: Action) -> None:
+        if self._recoveries:
+            for recovery in self._recoveries:
+                recovery.begins(true_ns)
+        self._free_ns = true_ns + span_ns
+        self._kernel.at(self._free_ns - self._space_ns, WIRE_PRIORITY, end)
+        self.busy_ns += span_ns
+        if self._free_ns > self._window_end_ns:
+            self.load_max = max(self.load_max, self._window_busy_ns / LOAD_WINDOW_NS)
+            self._window_busy_ns = 0
+            self._window_end_ns = self._free_ns - self._free_ns % LOAD_WINDOW_NS + LOAD_WINDOW_NS
+        self._window_busy_ns += span_ns
 
     def _end(self, true_ns: int) -> None:
-        sender, frame = self._sender, self._frame
-        self._is_busy = False
-        self._account(true_ns, self._span_ns)
+        _, _, controller, frame = self._current[0]
+        self.frames += 1
         for witness in self.witnesses:
-            witness(true_ns, sender, frame)
-        receivers = self._receivers.get((sender, frame.can_id))
+            witness(true_ns, controller.name, frame)
+        receivers = self._receivers.get((controller.name, frame.can_id))
         if receivers is None:
-            receivers = self._route(sender, frame.can_id)
+            receivers = self._route(controller.name, frame.can_id)
         item = (true_ns, frame)
-        if not self.filters:
+        if not self.filters and not self._lost_for and len(self._current) == 1:
             for station in receivers:
                 station.inbox.append(item)
         else:
-            for station in receivers:
-                if all(keep(true_ns, sender, frame, station.name) for keep in self.filters):
-                    station.inbox.append(item)
-        if self._pending:
-            self._begin(true_ns)
+            self._deliver_with_care(item, receivers)
+        for _, _, sender, _ in self._current:
+            behind = sender.sent()
+            if behind is not None:
+                self._offer(sender, behind)
+        if self._is_troubled:
+            self._count_success()
+        self._go_on(true_ns)
+
+    def _deliver_with_care(self, item: WireFrame, receivers: list[Station]) -> None:
+        """Some may not get it: who sent the same, whose controller saw it disturbed, a filter."""
+        true_ns, frame = item
+        sender = self._current[0][2].name
+        without = {entry[2].name for entry in self._current} | {self._lost_for}
+        self._lost_for = ""
+        for station in receivers:
+            name = station.name
+            if name not in without and all(
+                keep(true_ns, sender, frame, name) for keep in self.filters
+            ):
+                station.inbox.append(item)
 
     def _route(self, sender: str, can_id: int) -> list[Station]:
         """The stations that want this sender's frames, by their acceptance filters."""
         route = self._receivers[sender, can_id] = [
             station
-            for station in self._stations
-            if station.name != sender
+            for name, station in self._stations.items()
+            if name != sender
+            and self.controllers[name].is_on_bus
             and (station.acceptance is None or can_id in station.acceptance)
         ]
         return route
 
-    def _account(self, true_ns: int, span_ns: int) -> None:
-        self.frames += 1
-        self.busy_ns += span_ns
-        if true_ns > self._window_end_ns:
-            self.load_max = max(self.load_max, self._window_busy_ns / LOAD_WINDOW_NS)
-            self._window_busy_ns = 0
-            self._window_end_ns = true_ns - true_ns % LOAD_WINDOW_NS + LOAD_WINDOW_NS
-        self._window_busy_ns += span_ns
+    def _go_on(self, true_ns: int) -> None:
+        self._is_begun = False
+        for recovery in self._recoveries:
+            recovery.ends(self._free_ns)
+        if self._pending:
+            self._plan(true_ns)
+
+    # Errors ----------------------------------------------------------------------------------
+
+    def _find_error(self, true_ns: int, first: Pending) -> FrameError | None:
+        """What will cut this frame short; takes in whoever sends with the same identifier."""
+        key, _, controller, frame = first
+        if frame.kind is FrameKind.FD:
+            return foreign_format()
+        self._take_twins(key)
+        error = collided([entry[3] for entry in self._current])
+        if error is None and self._on_bus <= len(self._current):
+            error = not_acknowledged(frame)
+        for disturb in self.disturbers:
+            disturbance = disturb(true_ns, controller.name, frame)
+            if disturbance is not None and error is None:
+                error = self._disturbed(frame, controller, disturbance)
+        return error
+
+    def _take_twins(self, key: int) -> None:
+        """Others that offer a frame with this key now; one's own second frame has to wait."""
+        own: list[Pending] = []
+        while self._pending and self._pending[0][0] == key:
+            entry = heapq.heappop(self._pending)
+            is_own = any(entry[2] is other[2] for other in self._current)
+            (own if is_own else self._current).append(entry)
+        for entry in own:
+            heapq.heappush(self._pending, entry)
+
+    def _disturbed(
+        self, frame: Frame, sender: Controller, disturbance: Disturbance
+    ) -> FrameError | None:
+        name = disturbance.receiver
+        if name is None:
+            is_passive = sender.state is ErrorState.PASSIVE
+            return disturbed(frame, disturbance.bit, is_passive=is_passive)
+        finder = self.controllers[name]
+        if finder is sender or not finder.is_on_bus:
+            return None
+        if finder.state is ErrorState.ACTIVE:
+            return found_by(name, frame, disturbance.bit)
+        self._lost_for = name  # an error-passive one's flag disturbs nobody but itself
+        self._count(finder, Count.HEARD_ERROR)
+        return None
+
+    def _end_in_error(self, true_ns: int) -> None:
+        error, self._error = self._error, None
+        assert error is not None
+        self.error_frames += 1
+        senders = [entry[2] for entry in self._current]
+        for entry in self._current:
+            heapq.heappush(self._pending, entry)
+        for controller in self.controllers.values():
+            if not controller.is_on_bus:
+                continue
+            if controller in senders:
+                self._count(controller, error.count)
+            elif controller.name == error.finder:
+                self._count(controller, Count.FOUND_ERROR)
+            else:
+                self._count(controller, Count.HEARD_ERROR)
+            if controller.state is ErrorState.BUS_OFF:
+                self._leave(true_ns, controller)
+        for controller in senders:
+            self._suspend(controller)
+        self._go_on(true_ns)
+
+    def _count_success(self) -> None:
+        senders = [entry[2] for entry in self._current]
+        for controller in self.controllers.values():
+            if controller.is_on_bus and not controller.is_clean:
+                self._count(controller, Count.SENT if controller in senders else Count.RECEIVED)
+        for controller in senders:
+            self._suspend(controller)
+
+    def _count(self, controller: Controller, what: Count) -> None:
+        controller.count(what)
+        self._is_troubled = any(not other.is_clean for other in self.controllers.values())
+
+    def _suspend(self, controller: Controller) -> None:
+        """An error-passive sender lets others go first."""
+        if controller.state is ErrorState.PASSIVE:
+            self._held[controller] = self._withdraw(controller)
+            self._kernel.at(
+                self._free_ns + self._suspend_ns,
+                WIRE_PRIORITY,
+                lambda now_ns: self._resume(now_ns, controller),
+            )
+
+    def _resume(self, true_ns: int, controller: Controller) -> None:
+        for entry in self._held.pop(controller, ()):
+            heapq.heappush(self._pending, entry)
+        if self._pending and not self._is_begun:
+            self._is_begun = True  # after whoever else resumes at this instant
+            self._kernel.at(max(true_ns, self._free_ns), WIRE_PRIORITY, self._begin)
+
+    def _withdraw(self, controller: Controller) -> list[Pending]:
+        """Takes a controller's frames out of the arbitration."""
+        withdrawn = [entry for entry in self._pending if entry[2] is controller]
+        self._pending = [entry for entry in self._pending if entry[2] is not controller]
+        heapq.heapify(self._pending)
+        return withdrawn
+
+    # Bus-off ---------------------------------------------------------------------------------
+
+    def _leave(self, true_ns: int, controller: Controller) -> None:
+        """Nothing that waited leaves late; the program is told, and the way back begins."""
+        self._withdraw(controller)
+        self._held.pop(controller, None)
+        controller.flush()
+        self._on_bus -= 1
+        self._receivers.clear()
+        station = self._stations.get(controller.name)
+        if station is not None:
+            station.inbox.append((true_ns, BUS_OFF_FRAME))
+        restart_ns = controller.settings.restart_ns
+        if restart_ns is not None:
+            self._kernel.at(
+                true_ns + restart_ns, WIRE_PRIORITY, lambda now_ns: self.restart(now_ns, controller)
+            )
+
+    def restart(self, true_ns: int, controller: Controller) -> None:
+        """Begins the recovery of a controller that is bus-off."""
+        recovery = Recovery(self._kernel, self._bitrate_bps, controller, self._come_back)
+        self._recoveries.append(recovery)
+        recovery.idle_from(max(true_ns, self._free_ns))
+
+    def _come_back(self, true_ns: int, recovery: Recovery) -> None:
+        self._recoveries.remove(recovery)
+        recovery.controller.reset()
+        self._on_bus += 1
+        self._receivers.clear()
 
     def load_mean(self, true_ns: int) -> float:
         """Share of the time since the start in which the wire was busy."""
