@@ -95,9 +95,11 @@ class Controller:
         waiting: frames that were accepted and have not gone through.
         behind: of these, with FIFO order, all but the one that takes part in arbitration.
         refused: frames that were not accepted, so far.
+        absence: counts the times it has been off the bus.
     """
 
     __slots__ = (
+        "absence",
         "behind",
         "name",
         "receive_errors",
@@ -117,6 +119,7 @@ class Controller:
         self.waiting = 0
         self.behind: deque[Frame] = deque()
         self.refused = 0
+        self.absence = 0
 
     @property
     def is_on_bus(self) -> bool:
@@ -144,8 +147,10 @@ class Controller:
         self.waiting -= 1
         return self.behind.popleft() if self.behind else None
 
-    def flush(self) -> None:
-        """Forgets what waits."""
+    def drop_out(self) -> None:
+        """Is off the bus, and forgets what waits."""
+        self.state = ErrorState.BUS_OFF
+        self.absence += 1
         self.waiting = 0
         self.behind.clear()
 

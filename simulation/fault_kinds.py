@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum, StrEnum
 
 from canbus.node import NODE_IDS
 from dbc.messages import SPECS
-from ecus.brake_servo.ports import BrakeSensors
-from ecus.steering.ports import SteeringSensors
-from ecus.throttle.ports import ThrottleSensors
 
 
 class FaultKind(StrEnum):
@@ -29,6 +26,7 @@ class FaultKind(StrEnum):
     CRASH = "crash"
     FREEZE = "freeze"
     SLOW_STEP = "slow_step"
+    JITTER = "jitter"
     RESTART = "restart"
     CLOCK_JUMP = "clock_jump"
     CLOCK_DRIFT = "clock_drift"
@@ -47,6 +45,7 @@ class FaultKind(StrEnum):
     SENSOR_OUT_OF_BOUNDS = "sensor_out_of_bounds"
     SENSOR_NAN = "sensor_nan"
     SENSOR_SWAPPED = "sensor_swapped"
+    ENCODER_DEAD = "encoder_dead"
     # one actuator
     ACTUATOR_STUCK = "actuator_stuck"
     ACTUATOR_WEAK = "actuator_weak"
@@ -71,25 +70,55 @@ class Strikes(Enum):
     MESSAGE = "message"
     NODE = "node"
     SENSOR = "sensor"
+    ENCODER = "encoder"
     ACTUATOR = "actuator"
     CONTROL = "control"
     NOTHING = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSpec:
+    """One analogue reading.
+
+    Attributes:
+        node: the ECU that reads it.
+        field: in that ECU's `ports.py`.
+        full_scale: what a share of its range means, in its own unit.
+    """
+
+    node: str
+    field: str
+    full_scale: float
+
+
 SENSORS = {
-    f"{node}.{field.name}": node
-    for node, port in (
-        ("Steering", SteeringSensors), ("Throttle", ThrottleSensors), ("BrakeServo", BrakeSensors)
+    f"{spec.node}.{spec.field}": spec
+    for spec in (
+        SensorSpec(node="Steering", field="column_angle_rad", full_scale=9.25),
+        SensorSpec(node="Steering", field="driver_torque_nm", full_scale=10.0),
+        SensorSpec(node="Throttle", field="pedal_ratio", full_scale=1.0),
+        SensorSpec(node="BrakeServo", field="servo_position_ratio", full_scale=1.0),
+        SensorSpec(node="BrakeServo", field="pedal_ratio", full_scale=1.0),
     )
-    for field in fields(port)
-    if field.type == "float"
 }
-"""Analogue readings by `Node.field`, as in the ECUs' ports."""
+"""Analogue readings by `Node.field`; the encoders have a fault of their own."""
+
+SWAPPED_WITH = {
+    "Steering.column_angle_rad": "driver_torque_nm",
+    "Steering.driver_torque_nm": "column_angle_rad",
+    "Throttle.pedal_ratio": "encoder_edge_age_s",
+    "BrakeServo.servo_position_ratio": "pedal_ratio",
+    "BrakeServo.pedal_ratio": "servo_position_ratio",
+}
+"""Which of its node's inputs a sensor is plugged into by mistake."""
+
+assert SWAPPED_WITH.keys() == SENSORS.keys()
 
 TARGETS: dict[Strikes, tuple[str, ...]] = {
     Strikes.MESSAGE: tuple(spec.name for spec in SPECS.values() if spec.data_id is not None),
     Strikes.NODE: tuple(NODE_IDS),
     Strikes.SENSOR: tuple(SENSORS),
+    Strikes.ENCODER: ("Throttle", "BrakeServo"),
     Strikes.ACTUATOR: ("Steering", "Throttle", "BrakeServo"),
     Strikes.CONTROL: ("steering", "throttle", "brake", "button", "emergency_stop"),
     Strikes.NOTHING: ("",),
@@ -164,7 +193,8 @@ KINDS: dict[FaultKind, KindSpec] = {
     _K.SPOOF: _message("is followed by a stranger's, in sequence and with the right CRC"),
     _K.CRASH: _node("stops for good, its actuator's watchdog starves"),
     _K.FREEZE: _node("does nothing, then goes on with all that has come meanwhile"),
-    _K.SLOW_STEP: _node("begins every cycle {value} late", "ms", 0.1, 200.0, 8.0),
+    _K.SLOW_STEP: _node("takes {value} for every step", "ms", 0.1, 200.0, 20.0),
+    _K.JITTER: _node("begins each cycle up to {value} late", "ms", 0.1, 200.0, 4.0),
     _K.RESTART: _node("loses its power for {value}", "s", 0.001, 10.0, 0.2, is_instant=True),
     _K.CLOCK_JUMP: _node("finds its clock {value} ahead", "ms", 0.001, 10_000.0, 100.0,
                          is_instant=True),
@@ -181,7 +211,8 @@ KINDS: dict[FaultKind, KindSpec] = {
     _K.SENSOR_NOISE: _sensor("jumps about with {value} of its range", "of range", 0.0, 2.0, 0.1),
     _K.SENSOR_OUT_OF_BOUNDS: _sensor("shows {value} of its range", "of range", 1.05, 100.0, 1.5),
     _K.SENSOR_NAN: _sensor("cannot be read"),
-    _K.SENSOR_SWAPPED: _sensor("is wired to the node's next sensor"),
+    _K.SENSOR_SWAPPED: _sensor("shows what another of the node's sensors reads"),
+    _K.ENCODER_DEAD: KindSpec(strikes=Strikes.ENCODER, does="sends no edges any more"),
     _K.ACTUATOR_STUCK: _actuator("keeps its command"),
     _K.ACTUATOR_WEAK: _actuator("does {value} of what is asked", "share", 0.0, 1.0, 0.3),
     _K.ACTUATOR_SLOW: _actuator("follows with a lag of {value}", "s", 0.001, 10.0, 0.5),
@@ -201,20 +232,6 @@ KINDS: dict[FaultKind, KindSpec] = {
 
 assert KINDS.keys() == set(FaultKind)
 assert all(spec.low <= spec.default <= spec.high for spec in KINDS.values())
-
-SENSOR_RANGES = {
-    "Steering.column_angle_rad": 9.25,
-    "Steering.driver_torque_nm": 10.0,
-    "Throttle.encoder_edge_age_s": 1.0,
-    "Throttle.pedal_ratio": 1.0,
-    "BrakeServo.servo_position_ratio": 1.0,
-    "BrakeServo.pedal_ratio": 1.0,
-    "BrakeServo.wheel_edge_age_s": 1.0,
-}
-"""What a share of a sensor's range means, in its own unit."""
-
-assert SENSOR_RANGES.keys() == SENSORS.keys()
-
 
 def described(kind: FaultKind, value: float) -> str:
     """What a fault does, with its number."""

@@ -17,6 +17,17 @@ class NodeClock:
         self.epoch_ns = epoch_ns
         self.drift_ppm = drift_ppm
 
+    def jump(self, span_ns: int) -> None:
+        """The clock shows `span_ns` more from now on."""
+        self.epoch_ns += span_ns
+
+    def drift(self, true_ns: int, drift_ppm: int) -> None:
+        """From this true time on it runs with another drift, without a jump."""
+        shown_ns = self.local_ns(true_ns)
+        assert abs(drift_ppm) < PPM // 100, "a crystal is better than one per cent"
+        self.drift_ppm = drift_ppm
+        self.epoch_ns += shown_ns - self.local_ns(true_ns)
+
     def local_ns(self, true_ns: int) -> int:
         """The node's time at a true time."""
         return self.epoch_ns + true_ns + true_ns * self.drift_ppm // PPM

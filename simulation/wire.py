@@ -7,14 +7,13 @@ A frame is heard at its end, and the next begins after the interframe space at t
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from canbus.bitstream import arbitration_key
 from canbus.frame import Frame, FrameKind
 from canbus.timing import INTERFRAME_SPACE_BITS, bits_time_ns, frame_time_ns
 from dbc.endpoint import ERROR_BUS_OFF
+from simulation.arbitration import Arbitration, Pending
 from simulation.controller import (
     DEFAULT_SETTINGS,
     SUSPEND_BITS,
@@ -46,10 +45,6 @@ BUS_OFF_FRAME = Frame(ERROR_BUS_OFF, bytes(8), FrameKind.ERROR)
 
 WireFrame = tuple[int, Frame]
 """True time at which the frame ended, and the frame."""
-
-Pending = tuple[int, int, Controller, Frame]
-"""Arbitration key, number in the order of sending, sender, frame."""
-
 
 class Station(Protocol):
     """One node on the wire."""
@@ -92,8 +87,8 @@ class Wire:
         self._suspend_ns = bits_time_ns(SUSPEND_BITS, bitrate_bps)
         self._stations: dict[str, Station] = {}
         self._receivers: dict[tuple[str, int], list[Station]] = {}
-        self._pending: list[Pending] = []
-        self._sequence = 0
+        self._arbitration = Arbitration()
+        self._pending = self._arbitration.pending
         self._is_begun = False  # a frame is under way, or its begin is planned
         self._free_ns = 0
         self._current: list[Pending] = []
@@ -101,7 +96,6 @@ class Wire:
         self._lost_for = ""
         self._on_bus = 0
         self._is_troubled = False  # some controller's counters are not zero
-        self._held: dict[Controller, list[Pending]] = {}  # error-passive ones let others go first
         self._recoveries: list[Recovery] = []
         self._window_end_ns = LOAD_WINDOW_NS
         self._window_busy_ns = 0
@@ -132,19 +126,10 @@ class Wire:
             return
         controller = self.controllers.get(sender) or self._add(sender)
         for frame in frames:
-            if not controller.accept(frame):
-                continue
-            self._offer(controller, frame)
+            if controller.accept(frame):
+                self._arbitration.offer(controller, frame)
         if self._pending and not self._is_begun:
             self._plan(true_ns)
-
-    def _offer(self, controller: Controller, frame: Frame) -> None:
-        self._sequence += 1
-        entry = (arbitration_key(frame), self._sequence, controller, frame)
-        if self._held and controller in self._held:
-            self._held[controller].append(entry)
-        else:
-            heapq.heappush(self._pending, entry)
 
     def _plan(self, true_ns: int) -> None:
         """The next frame begins now, or when the interframe space is over."""
@@ -158,7 +143,10 @@ class Wire:
 
     def _begin(self, true_ns: int) -> None:
         pending = self._pending
-        first = heapq.heappop(pending)
+        if not pending:  # whoever wanted to send has dropped out meanwhile
+            self._is_begun = False
+            return
+        first = self._arbitration.take()
         self._current = [first]
         frame = first[3]
         if (
@@ -188,6 +176,10 @@ class Wire:
         self._window_busy_ns += span_ns
 
     def _end(self, true_ns: int) -> None:
+        if not self._current:  # its sender dropped out on the way
+            self._error = FrameError(bits=0)
+            self._end_in_error(true_ns)
+            return
         _, _, controller, frame = self._current[0]
         self.frames += 1
         for witness in self.witnesses:
@@ -204,7 +196,7 @@ class Wire:
         for _, _, sender, _ in self._current:
             behind = sender.sent()
             if behind is not None:
-                self._offer(sender, behind)
+                self._arbitration.offer(sender, behind)
         if self._is_troubled:
             self._count_success()
         self._go_on(true_ns)
@@ -235,6 +227,7 @@ class Wire:
 
     def _go_on(self, true_ns: int) -> None:
         self._is_begun = False
+        self._current = []
         for recovery in self._recoveries:
             recovery.ends(self._free_ns)
         if self._pending:
@@ -244,10 +237,10 @@ class Wire:
 
     def _find_error(self, true_ns: int, first: Pending) -> FrameError | None:
         """What will cut this frame short; takes in whoever sends with the same identifier."""
-        key, _, controller, frame = first
+        _, _, controller, frame = first
         if frame.kind is FrameKind.FD:
             return foreign_format()
-        self._take_twins(key)
+        self._current += self._arbitration.take_twins(first)
         error = collided([entry[3] for entry in self._current])
         if error is None and self._on_bus <= len(self._current):
             error = not_acknowledged(frame)
@@ -256,16 +249,6 @@ class Wire:
             if disturbance is not None and error is None:
                 error = self._disturbed(frame, controller, disturbance)
         return error
-
-    def _take_twins(self, key: int) -> None:
-        """Others that offer a frame with this key now; one's own second frame has to wait."""
-        own: list[Pending] = []
-        while self._pending and self._pending[0][0] == key:
-            entry = heapq.heappop(self._pending)
-            is_own = any(entry[2] is other[2] for other in self._current)
-            (own if is_own else self._current).append(entry)
-        for entry in own:
-            heapq.heappush(self._pending, entry)
 
     def _disturbed(
         self, frame: Frame, sender: Controller, disturbance: Disturbance
@@ -288,8 +271,7 @@ class Wire:
         assert error is not None
         self.error_frames += 1
         senders = [entry[2] for entry in self._current]
-        for entry in self._current:
-            heapq.heappush(self._pending, entry)
+        self._arbitration.put_back(self._current)
         for controller in self.controllers.values():
             if not controller.is_on_bus:
                 continue
@@ -320,7 +302,7 @@ class Wire:
     def _suspend(self, controller: Controller) -> None:
         """An error-passive sender lets others go first."""
         if controller.state is ErrorState.PASSIVE:
-            self._held[controller] = self._withdraw(controller)
+            self._arbitration.hold(controller)
             self._kernel.at(
                 self._free_ns + self._suspend_ns,
                 WIRE_PRIORITY,
@@ -328,36 +310,57 @@ class Wire:
             )
 
     def _resume(self, true_ns: int, controller: Controller) -> None:
-        for entry in self._held.pop(controller, ()):
-            heapq.heappush(self._pending, entry)
+        self._arbitration.release(controller)
         if self._pending and not self._is_begun:
             self._is_begun = True  # after whoever else resumes at this instant
             self._kernel.at(max(true_ns, self._free_ns), WIRE_PRIORITY, self._begin)
 
-    def _withdraw(self, controller: Controller) -> list[Pending]:
-        """Takes a controller's frames out of the arbitration."""
-        withdrawn = [entry for entry in self._pending if entry[2] is controller]
-        self._pending = [entry for entry in self._pending if entry[2] is not controller]
-        heapq.heapify(self._pending)
-        return withdrawn
-
     # Bus-off ---------------------------------------------------------------------------------
+
+    def drive_off(self, true_ns: int, name: str) -> None:
+        """A controller goes bus-off, as after many errors; one that is off already stays so."""
+        controller = self.controllers[name]
+        if controller.is_on_bus:
+            controller.state = ErrorState.BUS_OFF
+            self._leave(true_ns, controller)
+
+    def switch_off(self, name: str) -> None:
+        """A controller loses its power: what it was sending is nobody's any more."""
+        self._drop_out(self.controllers[name])
+
+    def switch_on(self, name: str) -> None:
+        """A controller has power again, and begins with nothing."""
+        controller = self.controllers[name]
+        self._drop_out(controller)
+        controller.reset()
+        self._on_bus += 1
 
     def _leave(self, true_ns: int, controller: Controller) -> None:
         """Nothing that waited leaves late; the program is told, and the way back begins."""
-        self._withdraw(controller)
-        self._held.pop(controller, None)
-        controller.flush()
-        self._on_bus -= 1
-        self._receivers.clear()
+        self._drop_out(controller)
         station = self._stations.get(controller.name)
         if station is not None:
             station.inbox.append((true_ns, BUS_OFF_FRAME))
         restart_ns = controller.settings.restart_ns
         if restart_ns is not None:
+            absence = controller.absence
             self._kernel.at(
-                true_ns + restart_ns, WIRE_PRIORITY, lambda now_ns: self.restart(now_ns, controller)
+                true_ns + restart_ns,
+                WIRE_PRIORITY,
+                lambda now_ns: self._restart(now_ns, controller, absence),
             )
+
+    def _drop_out(self, controller: Controller) -> None:
+        self._arbitration.withdraw(controller)
+        self._current = [entry for entry in self._current if entry[2] is not controller]
+        self._recoveries = [r for r in self._recoveries if r.controller is not controller]
+        controller.drop_out()
+        self._receivers.clear()
+        self._on_bus = sum(other.is_on_bus for other in self.controllers.values())
+
+    def _restart(self, true_ns: int, controller: Controller, absence: int) -> None:
+        if controller.absence == absence:  # else it was switched off, or on, meanwhile
+            self.restart(true_ns, controller)
 
     def restart(self, true_ns: int, controller: Controller) -> None:
         """Begins the recovery of a controller that is bus-off."""

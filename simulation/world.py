@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +36,16 @@ EPOCH_NS_MAX = 10**12
 
 Sense = Callable[[int], Any]
 Act = Callable[[int, Any], None]
+Tamper = Callable[[int, Sequence[Frame]], Sequence[Frame]]
+"""`(true_ns, frames)`: what becomes of frames that a node gives its controller."""
+Between = Callable[[int, Any], Any]
+"""`(true_ns, reading)` or `(true_ns, command)`: what arrives of it."""
+
+
+
+def in_time() -> int:
+    """No lateness at all."""
+    return 0
 
 
 @dataclass(slots=True)
@@ -48,17 +58,33 @@ class Mounting:
 
 
 class Station:
-    """One node on the wire: its clock, its inbox, and whether it lives."""
+    """One node on the wire: its clock, its inbox, and whether it lives.
+
+    Attributes:
+        is_alive: it is stepped; a dead one's controller still acknowledges.
+        is_frozen: it is not stepped, and finds all that has come meanwhile when it is again.
+        is_mute, is_deaf: its frames reach nobody, or nobody's reach it.
+        lateness_ns: how late its next cycle begins: its operating system's doing.
+        step_ns: how long one of its steps takes; the next begins no sooner.
+        tampers: what happens to its frames before its controller gets them.
+        senses, acts: what lies between it and its sensors, and its actuator.
+    """
 
     def __init__(self, world: World, name: str, mounting: Mounting, clock: NodeClock) -> None:
         self.name = name
         self.clock = clock
         self.node: Any = mounting.build()
         self.is_alive = True
+        self.is_frozen = False
         self.is_mute = False
         self.is_deaf = False
-        self._world = world
+        self.lateness_ns: Callable[[], int] = in_time
+        self.step_ns = 0
+        self.tampers: list[Tamper] = []
+        self.senses: list[Between] = []
+        self.acts: list[Between] = []
         self._mounting = mounting
+        self._world = world
         self.inbox: list[WireFrame] = []
         self._next_ns = 0
 
@@ -76,32 +102,47 @@ class Station:
     def _cycle(self, true_ns: int) -> None:
         missed = max(self.clock.local_ns(true_ns) - self._next_ns, 0) // PERIOD_NS
         self._next_ns += (1 + missed) * PERIOD_NS  # no bursts: what is missed is missed
-        due_ns = self.clock.true_ns(self._next_ns) + self._world.delay_ns(self.name)
-        self._world.kernel.at(max(due_ns, true_ns), STEP_PRIORITY, self._cycle)
-        if self.is_alive:
-            self.step(true_ns)
-        else:
+        due_ns = self.clock.true_ns(self._next_ns) + self.lateness_ns()
+        due_ns = max(due_ns, true_ns + self.step_ns)
+        self._world.kernel.at(due_ns, STEP_PRIORITY, self._cycle)
+        if not self.is_alive:
             self.inbox.clear()
+        elif not self.is_frozen:
+            self.step(true_ns)
 
     def step(self, true_ns: int, sensors: Any = None) -> None:
         """One step of the node now; `sensors` in place of what its mounting reads."""
         heard, self.inbox = self.inbox, []
         received = [] if self.is_deaf else self.clock.received(heard)
         if sensors is None:
-            sensors = self._mounting.sense(true_ns)
+            sensors = self.sense(true_ns)
         output = self.node.step(self.clock.local_ns(true_ns), received, sensors)
         if output.actuator is not None:
-            self._mounting.act(true_ns, output.actuator)
+            command = output.actuator
+            for between in self.acts:
+                command = between(true_ns, command)
+            self._mounting.act(true_ns, command)
         if output.events:
             self._world.take_events(true_ns, output.events)
         if not self.is_mute:
-            self._world.wire.send(true_ns, self.name, output.frames)
+            frames = output.frames
+            for tamper in self.tampers:
+                frames = tamper(true_ns, frames)
+            self._world.wire.send(true_ns, self.name, frames)
+
+    def sense(self, true_ns: int) -> Any:
+        """What the node reads now."""
+        reading = self._mounting.sense(true_ns)
+        for between in self.senses:
+            reading = between(true_ns, reading)
+        return reading
 
     def restart(self) -> None:
         """Power off and on: a new node with nothing remembered."""
         self.node = self._mounting.build()
         self.inbox = []
         self.is_alive = True
+        self.is_frozen = False
 
 
 class World:
@@ -127,7 +168,7 @@ class World:
         keep_frames: bool = True,
     ) -> None:
         root = np.random.default_rng(seed)
-        car_rng, clock_rng, self.planner_rng = root.spawn(3)
+        car_rng, clock_rng, self.planner_rng, self.fault_rng = root.spawn(4)
         self.vehicle = vehicle
         self.seed = seed
         self.kernel = Kernel()
@@ -136,7 +177,6 @@ class World:
         self.trace = Trace(keep=keep_frames)
         self.wire.witnesses.append(self.trace)
         self.events: list[tuple[int, Event]] = []
-        self.delays_ns: dict[str, int] = {}
         self.stations = self._build(planner_period_ns, clock_rng)
 
     def _build(self, planner_period_ns: int, clock_rng: Generator) -> dict[str, Station]:
@@ -194,7 +234,7 @@ class World:
     def submit(self, inputs: PlannerInputs) -> None:
         """Hands the planner's wish to the gateway, which steps at once; a dead one does not."""
         gateway = self.stations["Gateway"]
-        if gateway.is_alive:
+        if gateway.is_alive and not gateway.is_frozen:
             gateway.step(self.now_ns, inputs)
 
     def inject(self, frame: Frame, sender: str = "stranger") -> None:
@@ -204,7 +244,3 @@ class World:
     def take_events(self, true_ns: int, events: list[Event]) -> None:
         """Keeps what a node reports, with the true time."""
         self.events.extend((true_ns, event) for event in events)
-
-    def delay_ns(self, name: str) -> int:
-        """How late the node's next cycle begins: its operating system's doing."""
-        return self.delays_ns.get(name, 0)

@@ -106,7 +106,7 @@ class Car:
         self._aligning_per_n = -params.steering.trail_m * self._inverse_ratio
         self._hand_wheel_inertia = params.steering.hand_wheel_inertia_kgm2
         self._column_reading_rad = sensors.column_angle_zero_rad
-        self._road = (params.chassis.friction_mu, params.chassis.slope_rad)
+        self._road = (params.chassis.friction_mu, params.chassis.slope_rad, 0.0)
         streams = rng.spawn(3)
         self._steering_noise = NoiseSource(streams[0])
         self._throttle_noise = NoiseSource(streams[1])
@@ -342,6 +342,7 @@ class Car:
         road = (
             params.friction_mu if mu is None else mu,
             params.slope_rad if slope is None else slope,
+            faults.load_kg,
         )
         if road != self._road:
             self._road = road

@@ -42,6 +42,7 @@ class Chassis:
         "_mass_front_kg",
         "_mass_kg",
         "_mu",
+        "_params",
         "_rolling_n",
         "_rolling_ratio",
         "_unlock_per_step",
@@ -64,24 +65,17 @@ class Chassis:
 
     def __init__(self, params: PlantParams) -> None:
         chassis = params.chassis
-        mass_kg = params.mass_kg
         front_share = chassis.front_load_share_ratio
         wheelbase_m = chassis.wheelbase_m
+        self._params = params
         self._dt_s = params.step_ns / NS_PER_S
-        self._mass_kg = mass_kg
-        self._mass_front_kg = mass_kg * front_share
-        self._mass_effective_kg = (
-            mass_kg + chassis.rotating_inertia_kgm2 / chassis.wheel_radius_m**2
-        )
+        self._set_mass(params.mass_kg)
         self._cg_to_front_m = wheelbase_m * (1.0 - front_share)
         self._cg_to_rear_m = wheelbase_m * front_share
         self._inverse_wheelbase = 1.0 / wheelbase_m
-        self._yaw_inertia = mass_kg * chassis.yaw_radius_of_gyration_m**2
-        self._inverse_yaw_inertia = 1.0 / self._yaw_inertia
         self._cornering_front = chassis.front_cornering_stiffness_n_per_rad
         self._cornering_rear = chassis.rear_cornering_stiffness_n_per_rad
         self._inverse_slip_stiffness = 1.0 / chassis.longitudinal_slip_stiffness_n
-        self._load_shift_kg = mass_kg * chassis.centre_height_m / wheelbase_m
         self._drag_n_per_mps2 = 0.5 * AIR_DENSITY_KG_PER_M3 * chassis.drag_area_m2
         self._rolling_ratio = chassis.rolling_resistance_ratio
         self._brake_front_share = params.brakes.front_share_ratio
@@ -98,9 +92,23 @@ class Chassis:
         self.distance_m = 0.0
         self.set_road(chassis.friction_mu, chassis.slope_rad)
 
-    def set_road(self, friction_mu: float, slope_rad: float) -> None:
-        """Puts the car on a road with this friction and slope (positive uphill)."""
+    def _set_mass(self, mass_kg: float) -> None:
+        """Everything that follows from the mass; its centre stays where it is."""
+        chassis = self._params.chassis
+        self._mass_kg = mass_kg
+        self._mass_front_kg = mass_kg * chassis.front_load_share_ratio
+        self._mass_effective_kg = (
+            mass_kg + chassis.rotating_inertia_kgm2 / chassis.wheel_radius_m**2
+        )
+        self._yaw_inertia = mass_kg * chassis.yaw_radius_of_gyration_m**2
+        self._inverse_yaw_inertia = 1.0 / self._yaw_inertia
+        self._load_shift_kg = mass_kg * chassis.centre_height_m / chassis.wheelbase_m
+
+    def set_road(self, friction_mu: float, slope_rad: float, load_kg: float = 0.0) -> None:
+        """Puts the car on a road with this friction and slope (positive uphill), loaded so."""
         assert 0.0 < friction_mu <= 2.0 and abs(slope_rad) < 1.0, (friction_mu, slope_rad)
+        assert load_kg >= 0.0, load_kg
+        self._set_mass(self._params.mass_kg + load_kg)
         self._mu = friction_mu
         self._weight_n = self._mass_kg * GRAVITY_MPS2 * cos(slope_rad)
         self._grade_n = self._mass_kg * GRAVITY_MPS2 * sin(slope_rad)

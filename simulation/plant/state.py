@@ -106,6 +106,7 @@ class PlantFaults:
         relay_stuck: The manual/automatic relay does not move.
         slope_rad: Slope of the road, positive uphill; None = the plant's own number.
         friction_mu: Friction between tyre and road; None = the plant's own number.
+        load_kg: On top of the plant's own mass.
     """
 
     steering_angle_override_rad: float | None = None
@@ -125,3 +126,4 @@ class PlantFaults:
     relay_stuck: bool = False
     slope_rad: float | None = None
     friction_mu: float | None = None
+    load_kg: float = 0.0

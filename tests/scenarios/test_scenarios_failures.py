@@ -10,6 +10,7 @@ from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame, FrameKind
 from canbus.node import NODE_IDS
 from dbc.messages import ErrorCode, Mode, NodeState, Reason, Request
+from simulation.world import in_time
 from tests.scenarios.driving import Drive
 
 NODES = list(NODE_IDS)
@@ -176,9 +177,9 @@ def test_er3_the_servo_rests_at_standstill_and_brakes_a_car_that_rolls() -> None
 
 def test_er2_a_node_late_by_more_than_50_ms_brakes() -> None:
     drive = Drive().go(5.0)
-    drive.world.delays_ns["Steering"] = 56_000_000
+    drive.world.stations["Steering"].lateness_ns = lambda: 56_000_000
     drive.run(0.015)
-    drive.world.delays_ns.clear()
+    drive.world.stations["Steering"].lateness_ns = in_time
     drive.run(0.2)
     assert any(e.node == "Steering" and "ER2 LATE" in e.text for _, e in drive.world.events)
     assert ErrorCode.ER2 in drive.codes
@@ -189,9 +190,9 @@ def test_er2_a_node_late_by_more_than_50_ms_brakes() -> None:
 def test_a_cycle_late_by_20_ms_now_and_then_does_not_brake(name: str) -> None:
     drive = Drive().go(5.0)
     for _ in range(5):
-        drive.world.delays_ns[name] = 20_000_000
+        drive.world.stations[name].lateness_ns = lambda: 20_000_000
         drive.run(0.02)
-        drive.world.delays_ns.clear()
+        drive.world.stations[name].lateness_ns = in_time
         drive.run(0.2)
     assert drive.is_in(Mode.AUTOMATIC), drive.log()
 

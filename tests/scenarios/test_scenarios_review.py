@@ -286,11 +286,9 @@ def test_a_supervisor_that_restarts_under_a_driver_at_speed_leaves_him_the_car()
 def test_er2_three_overruns_in_a_row_brake(name: str) -> None:
     drive = Drive().go(4.0)
     delays = iter((7_000_000, 14_000_000, 21_000_000, 28_000_000))
-    world = drive.world
-    node = name
-    world.delay_ns = lambda name: next(delays, 0) if name == node else 0  # type: ignore[method-assign]
+    drive.world.stations[name].lateness_ns = lambda: next(delays, 0)
     drive.run(0.3)
-    assert any(e.node == name and "ER2 OVERRUNS" in e.text for _, e in world.events)
+    assert any(e.node == name and "ER2 OVERRUNS" in e.text for _, e in drive.world.events)
     assert_stands(drive)
 
 

@@ -312,3 +312,69 @@ def test_wherever_noise_strikes_the_frame_goes_through_in_the_end(bit: int) -> N
         bench.run()
     assert bench.heard("B") == bench.heard("C") == [FRAME, FRAME]
     assert bench.wire.error_frames == 2
+
+
+# Power and other violence ------------------------------------------------------------------------
+
+
+def test_a_controller_that_is_switched_off_sends_hears_and_acknowledges_nothing() -> None:
+    bench = Bench("AB")
+    bench.wire.switch_off("B")
+    bench.send("A", FRAME)
+    bench.send("B", Frame(0x200))
+    bench.run(100_000_000)
+    assert bench.order() == [] and bench.heard("B") == []
+    assert bench.state("A") is ErrorState.PASSIVE  # nobody acknowledges
+    bench.wire.switch_on("B")
+    bench.run()
+    assert bench.order() == [("A", 0x155)]  # what B wanted to send before is gone
+    assert bench.heard("B") == [FRAME]
+
+
+def test_a_frame_whose_sender_loses_its_power_on_the_way_is_an_error_for_the_others() -> None:
+    bench = Bench()
+    bench.send("A", FRAME, FRAME)
+    bench.run(10_000)
+    bench.wire.switch_off("A")
+    bench.run()
+    assert bench.order() == [] and bench.heard("B") == []
+    assert bench.counters("B") == (0, 1)
+    bench.send("B", Frame(0x200))
+    bench.run()
+    assert bench.heard("C") == [Frame(0x200)]
+
+
+def test_what_waited_in_the_space_between_frames_goes_with_its_senders_power() -> None:
+    bench = Bench()
+    bench.send("B", FRAME)
+    bench.send("A", Frame(0x200))
+    bench.kernel.run_until(end_ns(0, FRAME) + 1)
+    bench.wire.switch_off("A")
+    bench.run()
+    assert bench.order() == [("B", 0x155)]
+    bench.send("B", FRAME)
+    bench.run()
+    assert bench.order() == [("B", 0x155), ("B", 0x155)]
+
+
+def test_driving_a_controller_off_is_like_many_errors_and_happens_once() -> None:
+    bench = Bench(A=AT_ONCE)
+    bench.send("A", FRAME, FRAME)
+    bench.wire.drive_off(0, "A")
+    bench.wire.drive_off(0, "A")
+    assert bench.heard("A") == [BUS_OFF_FRAME]
+    bench.run(100_000_000)
+    assert bench.state("A") is ErrorState.ACTIVE
+    assert bench.order() == []
+
+
+def test_power_during_the_way_back_from_bus_off_makes_it_short_and_single() -> None:
+    bench = Bench(A=ControllerSettings(restart_ns=1_000_000))
+    bench.wire.drive_off(0, "A")
+    bench.wire.switch_on("A")
+    assert bench.state("A") is ErrorState.ACTIVE
+    bench.wire.drive_off(bench.kernel.now_ns, "A")
+    bench.run(900_000)
+    bench.wire.switch_off("A")
+    bench.run(1_000_000_000)
+    assert bench.state("A") is ErrorState.BUS_OFF  # without power nothing comes back

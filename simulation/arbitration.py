@@ -1,0 +1,71 @@
+"""Frames that wait for the bus: the lowest identifier first (ISO 11898-1, bitwise arbitration)."""
+
+from __future__ import annotations
+
+import heapq
+
+from canbus.bitstream import arbitration_key
+from canbus.frame import Frame
+from simulation.controller import Controller
+
+Pending = tuple[int, int, Controller, Frame]
+"""Arbitration key, number in the order of sending, sender, frame."""
+
+
+class Arbitration:
+    """All frames that take part.
+
+    Attributes:
+        pending: a heap; read it to see whether anything waits, and what is first.
+    """
+
+    __slots__ = ("_held", "_sequence", "pending")
+
+    def __init__(self) -> None:
+        self.pending: list[Pending] = []
+        self._sequence = 0
+        self._held: dict[Controller, list[Pending]] = {}
+
+    def offer(self, controller: Controller, frame: Frame) -> None:
+        """A frame takes part from now on; a held controller's when it is released."""
+        self._sequence += 1
+        entry = (arbitration_key(frame), self._sequence, controller, frame)
+        if self._held and controller in self._held:
+            self._held[controller].append(entry)
+        else:
+            heapq.heappush(self.pending, entry)
+
+    def put_back(self, entries: list[Pending]) -> None:
+        """Frames that did not go through take part again, in their old order."""
+        for entry in entries:
+            heapq.heappush(self.pending, entry)
+
+    def take(self) -> Pending:
+        """The frame that wins now; there must be one."""
+        return heapq.heappop(self.pending)
+
+    def take_twins(self, winner: Pending) -> list[Pending]:
+        """Other controllers' frames with the winner's key; one's own second frame has to wait."""
+        taken = [winner]
+        own: list[Pending] = []
+        while self.pending and self.pending[0][0] == winner[0]:
+            entry = heapq.heappop(self.pending)
+            is_own = any(entry[2] is other[2] for other in taken)
+            (own if is_own else taken).append(entry)
+        self.put_back(own)
+        return taken[1:]
+
+    def withdraw(self, controller: Controller) -> list[Pending]:
+        """Takes a controller's frames out, held ones too."""
+        withdrawn = [entry for entry in self.pending if entry[2] is controller]
+        self.pending[:] = [entry for entry in self.pending if entry[2] is not controller]
+        heapq.heapify(self.pending)
+        return withdrawn + self._held.pop(controller, [])
+
+    def hold(self, controller: Controller) -> None:
+        """Its frames, present and future, wait for `release`."""
+        self._held[controller] = self.withdraw(controller)
+
+    def release(self, controller: Controller) -> None:
+        """They take part again."""
+        self.put_back(self._held.pop(controller, []))
