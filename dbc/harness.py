@@ -352,21 +352,26 @@ class SupervisorSensorsWire:
     """Auto/Manual button."""
     emergency_stop_pressed: bool
     """Emergency-stop line."""
+    automatic_relay_closed: bool
+    """Auxiliary contact of the latching manual/automatic relay."""
 
 
 def _pack_supervisor_sensors_wire(message: SupervisorSensorsWire) -> int:
     bits = 0
     bits |= int(message.button_pressed)
     bits |= int(message.emergency_stop_pressed) << 1
+    bits |= int(message.automatic_relay_closed) << 2
     return bits
 
 
 def _unpack_supervisor_sensors_wire(bits: int) -> SupervisorSensorsWire:
     button_pressed = bits & 1 == 1
     emergency_stop_pressed = bits >> 1 & 1 == 1
+    automatic_relay_closed = bits >> 2 & 1 == 1
     return SupervisorSensorsWire(
         button_pressed=button_pressed,
         emergency_stop_pressed=emergency_stop_pressed,
+        automatic_relay_closed=automatic_relay_closed,
     )
 
 

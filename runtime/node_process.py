@@ -164,7 +164,8 @@ class _NodeLoop:
         output = self.node.step(now_ns, received, self.port.sensors(now_ns))
         if stop.is_set():
             return  # told to end while it was at work: nothing leaves late
-        self.port.actuate(now_ns, output.actuator)
+        if output.actuator is not None:  # else its watchdog decides
+            self.port.actuate(now_ns, output.actuator)
         for frame in output.frames:
             self.bus.send(frame)
         for event in output.events:

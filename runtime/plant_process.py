@@ -204,6 +204,7 @@ class PlantSide:
             "SUPERVISOR_SENSORS": SupervisorSensorsWire(
                 button_pressed=panel.button_pressed,
                 emergency_stop_pressed=panel.emergency_stop_pressed,
+                automatic_relay_closed=bool(panel.automatic_relay_closed),
             ),
         }
         return [harness_frame(name, message) for name, message in messages.items()]

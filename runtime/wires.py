@@ -145,15 +145,21 @@ class _PanelInputs(_Inputs):
     def __init__(self) -> None:
         super().__init__("SUPERVISOR_SENSORS")
 
-    def _panel(self, now_ns: int) -> tuple[bool, bool]:
-        """Button and emergency stop; a line heard before and silent now reads as pressed."""
+    def _panel(self, now_ns: int) -> SupervisorSensors:
+        """The panel; a line heard before and silent now reads as an emergency stop."""
         reading = self._inbox.newest("SUPERVISOR_SENSORS")
-        if reading is None:
-            return False, False
-        if is_stale(reading, now_ns):
-            return False, True
+        if reading is None or is_stale(reading, now_ns):
+            return SupervisorSensors(
+                button_pressed=False,
+                emergency_stop_pressed=reading is not None,
+                automatic_relay_closed=None,
+            )
         wire: SupervisorSensorsWire = reading.content
-        return wire.button_pressed, wire.emergency_stop_pressed
+        return SupervisorSensors(
+            button_pressed=wire.button_pressed,
+            emergency_stop_pressed=wire.emergency_stop_pressed,
+            automatic_relay_closed=wire.automatic_relay_closed,
+        )
 
 
 class SupervisorWires(_PanelInputs):
@@ -161,10 +167,7 @@ class SupervisorWires(_PanelInputs):
 
     def sensors(self, now_ns: int) -> SupervisorSensors:
         """The panel now; a line cut after it was heard reads as pressed."""
-        button_pressed, emergency_stop_pressed = self._panel(now_ns)
-        return SupervisorSensors(
-            button_pressed=button_pressed, emergency_stop_pressed=emergency_stop_pressed
-        )
+        return self._panel(now_ns)
 
     def frames(self, actuator: SupervisorActuator) -> list[Frame]:
         """The relay's coil."""
@@ -177,7 +180,7 @@ class MonitorWires(_PanelInputs):
 
     def sensors(self, now_ns: int) -> MonitorSensors:
         """The line now; cut after it was heard it reads as pressed."""
-        return MonitorSensors(emergency_stop_pressed=self._panel(now_ns)[1])
+        return MonitorSensors(emergency_stop_pressed=self._panel(now_ns).emergency_stop_pressed)
 
     def frames(self, actuator: None) -> list[Frame]:
         """Nothing to send."""

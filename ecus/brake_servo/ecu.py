@@ -10,7 +10,7 @@ from typing import Any
 from canbus.node import PERIOD_NS
 from dbc.messages import BrakeDriver, BrakeStatus, ErrorCode, Mode, Reason
 from ecus.brake_servo.control import RestInputs, ServoRest, approach
-from ecus.brake_servo.mode import ACTION, BrakeAction, Situation
+from ecus.brake_servo.mode import ACTION, NOT_DRIVEN, BrakeAction, Situation
 from ecus.brake_servo.params import EXPOSED, BrakeParams
 from ecus.brake_servo.ports import RELEASED, BrakeActuator, BrakeSensors
 from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
@@ -35,7 +35,7 @@ REAR_SPEED_RADPS_MAX = 200.0
 PERIOD_S = PERIOD_NS * 1e-9
 
 
-class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
+class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
     """Node 4."""
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -57,7 +57,7 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
         self._wheel_speed_radps = 0.0
         self._applied_ratio = 0.0
         self._stopping_since_ns = 0
-        self._action = BrakeAction.RELEASE
+        self._action = BrakeAction.NONE
 
     @property
     def _command_timeout_ns(self) -> int:
@@ -89,7 +89,7 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
 
     def _check_servo(self, now_ns: int) -> None:
         is_off = abs(self._position_ratio - self._applied_ratio) > STUCK_RATIO
-        is_driven = self._action is not BrakeAction.RELEASE
+        is_driven = self._action not in NOT_DRIVEN
         if self._stuck.update(is_driven and is_off, now_ns):
             self.shell.add_cause(ErrorCode.ER1, Reason.SERVO_STUCK, self._stuck.since_ns)
         inputs = RestInputs(
@@ -127,12 +127,12 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
         is_stopping = supervisor is not None and supervisor.mode is Mode.STOPPING
         return Situation.STOPPING if is_stopping else Situation.NORMAL
 
-    def _act(self, now_ns: int) -> BrakeActuator:
+    def _act(self, now_ns: int) -> BrakeActuator | None:
         situation = Situation.RESTING if self.rest.is_resting else self._driving_situation()
         self._action = ACTION[self.state][situation]
-        if self._action is BrakeAction.RELEASE:
+        if self._action in NOT_DRIVEN:
             self._applied_ratio = 0.0
-            return RELEASED
+            return RELEASED if self._action is BrakeAction.RELEASE else None
         if self._action is BrakeAction.REST:
             self._applied_ratio = 0.0
             return BrakeActuator(servo_position_ratio=0.0, servo_powered=True)
@@ -149,7 +149,7 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
         position = self._position_ratio
         if not math.isnan(position):
             position = clamp(position, 0.0, POSITION_RATIO_MAX)
-        is_released = self._action is BrakeAction.RELEASE
+        is_released = self._action in NOT_DRIVEN
         return BrakeStatus(
             servo_position_ratio=position,
             applied_position_ratio=math.nan if is_released else self._applied_ratio,

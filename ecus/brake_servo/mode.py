@@ -5,6 +5,8 @@ Rules:
   A safe state means FULL, however long it takes, while the car moves.
   Too long on (ER3) at standstill means REST: released to save the servo, applied again when the
   car rolls. While moving, ER3 is reported and braking goes on.
+  STARTING is NONE: no command, so that the servo's watchdog keeps it full if the relay is closed;
+  under a human driver the relay is open and the servo has no power.
   Everything else is RELEASE: nothing brakes under a human driver.
 """
 
@@ -18,11 +20,16 @@ from dbc.messages import NodeState
 class BrakeAction(Enum):
     """What the servo is for."""
 
+    NONE = auto()
     RELEASE = auto()
     FOLLOW = auto()
     STOP = auto()
     FULL = auto()
     REST = auto()
+
+
+NOT_DRIVEN = frozenset({BrakeAction.NONE, BrakeAction.RELEASE})
+"""The servo is not where the ECU sent it."""
 
 
 class Situation(Enum):
@@ -36,7 +43,7 @@ class Situation(Enum):
 _N, _A, _S = NodeState, BrakeAction, Situation
 
 ACTION: dict[NodeState, dict[Situation, BrakeAction]] = {
-    _N.STARTING: dict.fromkeys(_S, _A.RELEASE),
+    _N.STARTING: dict.fromkeys(_S, _A.NONE),
     _N.RELEASED: dict.fromkeys(_S, _A.RELEASE),
     _N.ACTIVE: {_S.NORMAL: _A.FOLLOW, _S.STOPPING: _A.STOP, _S.RESTING: _A.REST},
     _N.SAFE_ALONE: {_S.NORMAL: _A.FULL, _S.STOPPING: _A.FULL, _S.RESTING: _A.REST},

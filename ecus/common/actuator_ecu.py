@@ -223,6 +223,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             return NodeEvent.OWN_CAUSE
         if not is_fresh:
             return NodeEvent.NOTHING
+        if supervisor.mode is Mode.INIT:
+            return NodeEvent.NOTHING  # it does not know yet who drives
         is_authorised = getattr(supervisor, self._authorisation)
         if supervisor.mode not in DRIVING_MODES or not is_authorised:
             return NodeEvent.UNAUTHORISED

@@ -255,8 +255,9 @@ class SupervisorEcu:
         all_seen = all(situation.alive[name] for name in situation.node_states) and (
             len(situation.node_states) == len(_AXES) and NodeState.ACTIVE not in states
         )
+        has_driven = states & SAFE_STATES or sensors.automatic_relay_closed
         rules = (
-            (states & SAFE_STATES and self.mode is Mode.INIT, ModeEvent.ADOPT),
+            (has_driven and self.mode is Mode.INIT, ModeEvent.ADOPT),
             (situation.is_emergency_stop_pressed, ModeEvent.EMERGENCY_STOP),
             (faults, ModeEvent.FAULT),
             (situation.is_driver_active and heeds_driver, ModeEvent.DRIVER),
@@ -276,7 +277,7 @@ class SupervisorEcu:
                 self.mode is Mode.READY and now_ns - self._mode_since_ns > ready_ns,
                 ModeEvent.TIMEOUT,
             ),
-            (all_seen, ModeEvent.NODES_SEEN),
+            (all_seen and sensors.automatic_relay_closed is False, ModeEvent.NODES_SEEN),
         )
         if situation.is_emergency_stop_pressed:
             reason = Reason.EMERGENCY_STOP_INPUT

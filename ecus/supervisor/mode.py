@@ -7,7 +7,8 @@ Rules (design, driving modes):
   EMERGENCY is entered only from AUTOMATIC and STOPPING; by the emergency stop also from READY.
   In MANUAL, and in INIT where a human may drive as well, nothing brakes.
   EMERGENCY is latched: it outranks the driver's input and is left only to MANUAL, by a reset.
-  A supervisor that restarts into a car whose ECUs brake on their own adopts that emergency.
+  A supervisor that starts and finds the relay closed, or ECUs that brake on their own, was in
+  command before: it adopts that emergency. It waits in INIT until it has read the relay.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ class ModeEvent(Enum):
     """One event a step, highest priority first."""
 
     ADOPT = auto()
-    """Only after a restart: an ECU is found in its safe state."""
+    """Only after a restart: the relay is found closed, or an ECU in its safe state."""
     EMERGENCY_STOP = auto()
     """FAILSAFE frame or the hardware emergency stop."""
     FAULT = auto()
@@ -39,7 +40,8 @@ class ModeEvent(Enum):
     TIMEOUT = auto()
     """READY for too long."""
     NODES_SEEN = auto()
-    """Every ECU has been heard since the start, none of them driving or in a safe state."""
+    """The relay is read as open and every ECU has been heard since the start, none of them driving
+    or in a safe state."""
     NOTHING = auto()
 
 

@@ -13,6 +13,8 @@ class SupervisorSensors:
     """Auto/Manual button (UAH Section 4.3)."""
     emergency_stop_pressed: bool
     """Emergency-stop line, closed by the mushroom button or outside circuits (UWA Section 7.2)."""
+    automatic_relay_closed: bool | None
+    """Auxiliary contact of the latching manual/automatic relay; None: not read yet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -228,11 +228,12 @@ class Car:
         )
 
     def sense_supervisor(self, now_ns: int) -> SupervisorSensors:
-        """Reads the panel's button and the emergency-stop input."""
+        """Reads the panel's button, the emergency-stop input and the relay's contact."""
         self.advance(now_ns)
         return SupervisorSensors(
             button_pressed=self.driver.button_pressed,
             emergency_stop_pressed=self.driver.emergency_stop_pressed,
+            automatic_relay_closed=self._hardware.relay_closed,
         )
 
     @property

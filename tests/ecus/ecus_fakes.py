@@ -255,7 +255,8 @@ class Rig:
         position = self.sensors.servo_position_ratio
         if self.is_servo_sound:
             step = dt_s / self.vehicle.brake.full_travel_s
-            wanted = self.output.actuator.servo_position_ratio
+            command = self.output.actuator  # None: without power, as the relay is open
+            wanted = 0.0 if command is None else command.servo_position_ratio
             position += min(max(wanted - position, -step), step)
         pedal = self.driver_pedal if math.isnan(self.driver_pedal) else max(
             self.driver_pedal, position if position == position else 0.0
@@ -333,7 +334,9 @@ class Rig:
 
 
 def is_released(name: str, actuator: Any) -> bool:
-    """Whether an actuator command leaves the control to the driver."""
+    """Whether an actuator command leaves the control to the driver, as no command does."""
+    if actuator is None:
+        return name == "BrakeServo"
     if name == "Steering":
         return not actuator.motor_enabled and actuator.motor_duty_ratio == 0.0
     if name == "Throttle":

@@ -88,6 +88,8 @@ class Street:
         self.verdict = Verdict.PERMIT
         self.is_button_down = False
         self.is_stop_pressed = False
+        self.relay: bool | None = False
+        """What the relay's contact reads."""
         self.request = Request.NONE
         self.sequence = 0
         self.planner_period_ms = 20
@@ -230,9 +232,13 @@ class Street:
         self.extra = []
         received = [ReceivedFrame(self.now_ns - MS, frame) for frame in frames]
         sensors = SupervisorSensors(
-            button_pressed=self.is_button_down, emergency_stop_pressed=self.is_stop_pressed
+            button_pressed=self.is_button_down,
+            emergency_stop_pressed=self.is_stop_pressed,
+            automatic_relay_closed=self.relay,
         )
         self.output = self.ecu.step(self.now_ns, received, sensors)
+        coil = self.output.actuator.automatic_relay_closed
+        self.relay = self.relay if coil is None else coil
         self.events += [(event.kind, event.text) for event in self.output.events]
         self.sent += self.output.frames
         self._hear(self.output.frames)

@@ -272,3 +272,24 @@ def test_broken_pedal_is_not_available_and_no_driver() -> None:
     rig.steps(10)
     assert math.isnan(rig.all_sent("DRIVER")[-1].pedal_ratio)
     assert not rig.node.is_driver_active
+
+
+def test_starting_node_leaves_the_servo_to_its_watchdog_until_it_knows_who_drives() -> None:
+    """Its power may have failed on the way: the watchdog brakes while the relay is closed."""
+    rig = Rig("BrakeServo", started=False)
+    rig.mode, rig.is_authorised = Mode.INIT, False
+    for _ in range(50):
+        assert rig.step() is None
+    assert rig.state is NodeState.STARTING
+    rig.mode = Mode.MANUAL
+    rig.steps(2)
+    assert rig.step() == RELEASED
+
+
+def test_starting_node_brakes_when_the_supervisor_is_in_emergency() -> None:
+    rig = Rig("BrakeServo", started=False)
+    rig.mode, rig.is_authorised = Mode.INIT, False
+    rig.steps(20)
+    rig.mode = Mode.EMERGENCY
+    rig.steps(2)
+    assert rig.step() == FULL

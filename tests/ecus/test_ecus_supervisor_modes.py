@@ -11,7 +11,7 @@ from canbus.canopen_protocol import NmtCommand
 from canbus.frame import Frame
 from canbus.node import NODE_IDS, EventKind
 from dbc.endpoint import FAILSAFE_ID
-from dbc.messages import ErrorCode, HeartbeatState, Inhibit, Mode, NodeState, Request
+from dbc.messages import ErrorCode, HeartbeatState, Inhibit, Mode, NodeState, Reason, Request
 from ecus.supervisor.mode import RELAY_CLOSED
 from tests.ecus.ecus_fakes import sdo_write
 from tests.ecus.supervisor_fakes import NODES, Street
@@ -40,6 +40,31 @@ def test_init_waits_for_every_actuator_node_and_says_for_which(name: str) -> Non
     assert state.mode is Mode.INIT and state.inhibit is Inhibit[f"MISSING_{SUFFIX[name]}"]
     street.nodes[name].is_silent = False
     street.until(Mode.MANUAL)
+
+
+def test_relay_found_closed_at_power_on_is_an_emergency_that_was_never_reset() -> None:
+    street = Street(booted=False)
+    street.relay = True
+    assert street.step().mode is Mode.EMERGENCY and 1 in street.codes
+    assert [brake.reason for brake in street.brakes()] == [Reason.ADOPTED]
+    street.steps(60)
+    assert street.relay is True and set(street.modes) == {Mode.EMERGENCY}
+
+
+def test_init_waits_for_the_relays_contact_to_be_read() -> None:
+    street = Street(booted=False)
+    street.relay = None
+    street.steps(100)
+    assert set(street.modes) == {Mode.INIT} and street.relay is None
+    street.relay = False
+    street.until(Mode.MANUAL)
+
+
+def test_relay_matters_at_power_on_alone() -> None:
+    street = Street()
+    street.relay = True
+    street.steps(20)
+    assert set(street.modes) == {Mode.MANUAL} and not street.brakes()
 
 
 @pytest.mark.parametrize("name", ["SafetyMonitor", "Gateway"])

@@ -36,7 +36,9 @@ STEERING = SteeringSensorsWire(column_angle_rad=0.5, driver_torque_nm=-1.25, mot
 THROTTLE = ThrottleSensorsWire(encoder_count=-7, encoder_edge_age_s=0.002, pedal_ratio=0.25)
 ENCODER = BrakeEncoderWire(wheel_count=42, wheel_edge_age_s=0.004)
 BRAKE = BrakeSensorsWire(servo_position_ratio=0.75, pedal_ratio=0.5)
-STOP = SupervisorSensorsWire(button_pressed=True, emergency_stop_pressed=False)
+STOP = SupervisorSensorsWire(
+    button_pressed=True, emergency_stop_pressed=False, automatic_relay_closed=True
+)
 
 
 def given(wires: Any, arrival_ns: int, **messages: object) -> Any:
@@ -110,6 +112,13 @@ def test_emergency_stop_line_that_is_cut_reads_as_pressed(wires: Any) -> None:
     panel = given(wires(), 0, SUPERVISOR_SENSORS=STOP)
     assert not panel.sensors(STALE_NS).emergency_stop_pressed
     assert panel.sensors(STALE_NS + 1).emergency_stop_pressed
+
+
+def test_relays_contact_is_not_known_before_the_first_frame_nor_by_a_cut_wire() -> None:
+    assert SupervisorWires().sensors(0).automatic_relay_closed is None
+    panel = given(SupervisorWires(), 0, SUPERVISOR_SENSORS=STOP)
+    assert panel.sensors(0).automatic_relay_closed is True
+    assert panel.sensors(STALE_NS + 1).automatic_relay_closed is None
 
 
 def test_button_is_not_pressed_by_a_cut_wire() -> None:
