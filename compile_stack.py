@@ -25,7 +25,6 @@ COMPILED = (
 INTERPRETED = frozenset({
     "canbus/bus.py", "canbus/python_can_bus.py",  # wall time only
     "canbus/canopen_node.py",  # subclasses an untyped library's classes
-    "canbus/node.py",  # a generic class with slots: mypyc cannot rewrite it
     "dbc/database.py", "dbc/generate.py", "dbc/harness.py",  # not in the loop
     "gateway/api.py", "gateway/connect.py", "gateway/procedures.py", "gateway/errors.py",
     "gateway/sentences.py",

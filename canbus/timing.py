@@ -11,26 +11,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind
 
-CRC_POLYNOMIAL = 0x4599
+CRC_POLYNOMIAL: Final = 0x4599
 """CRC-15 of classical CAN (ISO 11898-1)."""
-INTERFRAME_SPACE_BITS = 3
-FIXED_TAIL_BITS = 10
+INTERFRAME_SPACE_BITS: Final = 3
+FIXED_TAIL_BITS: Final = 10
 """Never stuffed: CRC delimiter, acknowledge slot and delimiter, seven bits end of frame."""
-ERROR_SIGNAL_BITS_MAX = 23
+ERROR_SIGNAL_BITS_MAX: Final = 23
 """Error flag (6) echoed by the others (up to 6), delimiter (8), interframe space (3)."""
-STANDARD_HEADER_BITS = 19
+STANDARD_HEADER_BITS: Final = 19
 """Start of frame, identifier 11, RTR, IDE, r0, DLC 4."""
-EXTENDED_HEADER_BITS = 39
+EXTENDED_HEADER_BITS: Final = 39
 """Start of frame, identifier 11, SRR, IDE, identifier 18, RTR, r1, r0, DLC 4."""
-CRC_BITS = 15
-DATA_BYTES_MAX = 8
+CRC_BITS: Final = 15
+DATA_BYTES_MAX: Final = 8
 
-_CRC_MASK = 0x7FFF
-_NS_PER_S = 1_000_000_000
+_CRC_MASK: Final = 0x7FFF
+_NS_PER_S: Final = 1_000_000_000
 
 
 def _stuff(state: int, bits: int, count: int) -> tuple[int, int]:
@@ -64,7 +64,7 @@ def _crc(crc: int, bits: int, count: int) -> int:
 # One row per state: for each byte the stuff bits it causes and the row of the state after it;
 # behind them, for each 7 bits (the end of the CRC), the stuff bits alone.
 _Row = list[tuple[int, Any]]
-_ROWS: list[_Row] = [[] for _ in range(8)]
+_ROWS: Final[list[_Row]] = [[] for _ in range(8)]
 for _state, _row in enumerate(_ROWS):
     for _value in range(256):
         _stuffed, _after = _stuff(_state, _value, 8)
@@ -72,11 +72,11 @@ for _state, _row in enumerate(_ROWS):
     _row.extend((_stuff(_state, _value, 7)[0], None) for _value in range(128))
 
 # The CRC is linear: it is the sum (XOR) of what each byte contributes at its own place.
-_CRC_BY_BYTES_BEHIND = [
+_CRC_BY_BYTES_BEHIND: Final = [
     [_crc(_crc(0, value, 8), 0, 8 * behind) for value in range(256)]
     for behind in range(DATA_BYTES_MAX)
 ]
-_CRC_TABLES = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
+_CRC_TABLES: Final = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
 
 
 @lru_cache(maxsize=4096)

@@ -3,42 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from dbc.codec import Decoded, FrameFault, decode, decode_data, encode
+from dbc.codec import DECODED, Decoded, FrameFault, decode, decode_data, encode
 from dbc.messages import SPECS
 from dbc.protection import COUNTER_MODULO, USABLE, AliveCheck, AliveState
 from dbc.spec import MessageSpec
 
 MessageT = TypeVar("MessageT")
 
-SPEC_OF_NAME: dict[str, MessageSpec] = {spec.name: spec for spec in SPECS.values()}
+SPEC_OF_NAME: Final[dict[str, MessageSpec]] = {spec.name: spec for spec in SPECS.values()}
 """Message specifications by their DBC name."""
 
-ID_OF_NAME = {name: spec.can_id for name, spec in SPEC_OF_NAME.items()}
-TIMEOUT_NS_OF_NAME = {name: spec.timeout_ns for name, spec in SPEC_OF_NAME.items()}
+ID_OF_NAME: Final = {name: spec.can_id for name, spec in SPEC_OF_NAME.items()}
+TIMEOUT_NS_OF_NAME: Final = {name: spec.timeout_ns for name, spec in SPEC_OF_NAME.items()}
 
-FAILSAFE_ID = SPEC_OF_NAME["FAILSAFE"].can_id
+FAILSAFE_ID: Final = SPEC_OF_NAME["FAILSAFE"].can_id
 
-ERROR_BUS_OFF = 0x40
+ERROR_BUS_OFF: Final = 0x40
 """Bit of an error frame's identifier: the controller went bus-off (Linux can/error.h)."""
 
-STOPPING_IDS = frozenset(
+STOPPING_IDS: Final = frozenset(
     spec.can_id for spec in SPECS.values() if spec.name.endswith("EMERGENCY_BRAKE")
 )
 """Frames that can only stop the car: believed at once, without waiting for a second in sequence."""
 
+_DATA: Final = FrameKind.DATA
+_OK: Final = AliveState.OK
 
-class Message(NamedTuple):
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Message:
     """A message worth believing, with its arrival time on the node's clock."""
 
-    can_id: int
-    arrival_ns: int
-    content: Any
+    can_id: Final[int]
+    arrival_ns: Final[int]
+    content: Final[Any]
+
+    def __init__(self, can_id: int, arrival_ns: int, content: Any) -> None:
+        self.can_id = can_id
+        self.arrival_ns = arrival_ns
+        self.content = content
 
 
-class BadFrame(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class BadFrame:
     """A frame of ours that was ignored."""
 
     arrival_ns: int
@@ -90,22 +101,24 @@ class Endpoint:
         if self.bad or self.foreign or self.is_bus_off:
             self.bad, self.foreign, self.is_bus_off = [], [], False
         messages: list[Message] = []
-        checks, latest, data_kind = self._checks, self.latest, FrameKind.DATA
+        checks, latest = self._checks, self.latest
         for item in received:
-            arrival_ns, frame = item
+            frame = item.frame
             can_id = frame.can_id
             check = checks.get(can_id)
-            if check is None or frame.kind is not data_kind:
+            if check is None or frame.kind is not _DATA:
                 self._take_odd(item, check)
                 continue
-            decoded = decode_data(can_id, frame.data)
-            if decoded.__class__ is Decoded:
-                counter = decoded[1]
+            decoded = DECODED[can_id].get(frame.data)
+            if decoded is None:
+                decoded = decode_data(can_id, frame.data)
+            if isinstance(decoded, Decoded):
+                counter = decoded.counter
                 if counter is None or (check.is_in_sequence and counter == check.expected):
-                    message = Message(can_id, arrival_ns, decoded[2])  # the usual case
+                    message = Message(can_id, item.arrival_ns, decoded.message)  # as a rule
                     if counter is not None:
                         check.expected = (counter + 1) % COUNTER_MODULO
-                        check.state = AliveState.OK
+                        check.state = _OK
                     latest[can_id] = message
                     messages.append(message)
                     continue
@@ -169,16 +182,16 @@ class Endpoint:
         message = self.latest.get(ID_OF_NAME[name])
         if message is None:
             return None
-        content = message[2]
+        content = message.content
         assert isinstance(content, kind)
         return content
 
     def age_ns(self, name: str, now_ns: int) -> int | None:
         """Time since the newest believable frame of a message; None before the first."""
         message = self.latest.get(ID_OF_NAME[name])
-        return None if message is None else now_ns - message[1]
+        return None if message is None else now_ns - message.arrival_ns
 
     def is_fresh(self, name: str, now_ns: int) -> bool:
         """Whether a message has come within the DBC's time-out."""
         message = self.latest.get(ID_OF_NAME[name])
-        return message is not None and now_ns - message[1] <= TIMEOUT_NS_OF_NAME[name]
+        return message is not None and now_ns - message.arrival_ns <= TIMEOUT_NS_OF_NAME[name]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import CanopenEvent, CanopenEventKind, NmtCommand, NmtState
@@ -48,28 +49,39 @@ from gateway.state import (
 )
 from vehicles.vehicle import Vehicle
 
-FOREIGN_NS = 1_000_000_000
+FOREIGN_NS: Final = 1_000_000_000
 """A stranger is remembered for this long after his last frame."""
 
-FOLLOWING_REASONS = frozenset(
+FOLLOWING_REASONS: Final = frozenset(
     {Reason.NODE_EMERGENCY, Reason.FAILSAFE_FRAME, Reason.ADOPTED, Reason.BRAKING_IN_PROGRESS}
 )
 """Reasons that only repeat somebody else's; they do not replace a first-hand one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class PlannerInputs:
     """What the planner did since the last step."""
 
-    decision: Decision | None = None
+    decision: Final[Decision | None]
     """A new decision."""
-    decided_ns: int = 0
+    decided_ns: Final[int]
     """When it was made, on the gateway's clock."""
-    request: Request | None = None
+    request: Final[Request | None]
     """A new request; NONE withdraws the pending one."""
 
+    def __init__(
+        self,
+        *,
+        decision: Decision | None = None,
+        decided_ns: int = 0,
+        request: Request | None = None,
+    ) -> None:
+        self.decision = decision
+        self.decided_ns = decided_ns
+        self.request = request
 
-NO_INPUTS = PlannerInputs()
+
+NO_INPUTS: Final = PlannerInputs()
 
 
 class GatewayCore:
@@ -263,5 +275,5 @@ class GatewayCore:
         self._events.append(Event(time_ns=self._now_ns, node=self.name, kind=kind, text=text))
 
 
-_SUPERVISOR_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
-_OWN_IDS = sent_by("Gateway")
+_SUPERVISOR_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+_OWN_IDS: Final = sent_by("Gateway")

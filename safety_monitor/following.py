@@ -9,27 +9,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from dbc.messages import MonitorReason
 from safety_monitor.checks import Finding, Persistence
 from safety_monitor.envelope import Limits
 from safety_monitor.verdict import Severity
 
-STEER_COMMAND_ID = 0x202
-THROTTLE_COMMAND_ID = 0x203
-BRAKE_COMMAND_ID = 0x204
+STEER_COMMAND_ID: Final = 0x202
+THROTTLE_COMMAND_ID: Final = 0x203
+BRAKE_COMMAND_ID: Final = 0x204
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Errors:
     """Command less measured; NaN while there is no command to follow."""
 
-    wheel_angle_rad: float
-    speed_mps: float
-    brake_ratio: float
+    wheel_angle_rad: Final[float]
+    speed_mps: Final[float]
+    brake_ratio: Final[float]
+
+    def __init__(self, *, wheel_angle_rad: float, speed_mps: float, brake_ratio: float) -> None:
+        self.wheel_angle_rad = wheel_angle_rad
+        self.speed_mps = speed_mps
+        self.brake_ratio = brake_ratio
 
 
-NOTHING_TO_FOLLOW = Errors(wheel_angle_rad=math.nan, speed_mps=math.nan, brake_ratio=math.nan)
+NOTHING_TO_FOLLOW: Final = Errors(
+    wheel_angle_rad=math.nan, speed_mps=math.nan, brake_ratio=math.nan
+)
 
 
 class FollowingChecks:

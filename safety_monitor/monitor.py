@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import NmtState
@@ -50,26 +51,26 @@ from safety_monitor.ports import MonitorSensors
 from safety_monitor.verdict import VERDICT_OF, Phase, Severity
 from vehicles import Vehicle
 
-NAME = "SafetyMonitor"
-NS_PER_MS = 1_000_000
-PROOF_NS = 500_000_000
+NAME: Final = "SafetyMonitor"
+NS_PER_MS: Final = 1_000_000
+PROOF_NS: Final = 500_000_000
 """Everything must have been healthy this long without a gap."""
-DOUBT_NS = 1_000_000_000
+DOUBT_NS: Final = 1_000_000_000
 """A doubt denies this long after it was last seen."""
-REQUEST_NS = 500_000_000
+REQUEST_NS: Final = 500_000_000
 """An engage request this old still explains a beginning drive."""
-DECISION_MARGIN_MS = 30
+DECISION_MARGIN_MS: Final = 30
 """The actuators act on a stale decision first; past this the monitor does."""
-VALUE_MAX = 4095
+VALUE_MAX: Final = 4095
 """What SAFETY_VERDICT can carry, in thousandths of the limit."""
 
-_DRIVERS = ("STEER_DRIVER", "THROTTLE_DRIVER", "BRAKE_DRIVER")
-_COMMANDS = ("STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND")
-_WATCHED = tuple(
+_DRIVERS: Final = ("STEER_DRIVER", "THROTTLE_DRIVER", "BRAKE_DRIVER")
+_COMMANDS: Final = ("STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND")
+_WATCHED: Final = tuple(
     spec for spec in SPECS.values() if spec.data_id is not None and spec.sender != NAME
 )
-_CYCLIC = tuple(spec for spec in _WATCHED if spec.timeout_ns)
-_LATE_REASON = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
+_CYCLIC: Final = tuple(spec for spec in _WATCHED if spec.timeout_ns)
+_LATE_REASON: Final = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
 
 
 class SafetyMonitor:

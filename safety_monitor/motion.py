@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from dbc.messages import MonitorReason
 from safety_monitor.checks import (
@@ -17,31 +18,50 @@ from safety_monitor.checks import (
 from safety_monitor.envelope import Limits
 from safety_monitor.verdict import Severity
 
-STEER_STATUS_ID = 0x182
-THROTTLE_STATUS_ID = 0x183
-BRAKE_STATUS_ID = 0x184
+STEER_STATUS_ID: Final = 0x182
+THROTTLE_STATUS_ID: Final = 0x183
+BRAKE_STATUS_ID: Final = 0x184
 
-STEERING_DIVERGENCE_NS = 200_000_000
-SPEED_DIVERGENCE_NS = 1_000_000_000
-AXLE_DIVERGENCE_NS = 200_000_000
-BRAKE_DIVERGENCE_NS = 450_000_000
+STEERING_DIVERGENCE_NS: Final = 200_000_000
+SPEED_DIVERGENCE_NS: Final = 1_000_000_000
+AXLE_DIVERGENCE_NS: Final = 200_000_000
+BRAKE_DIVERGENCE_NS: Final = 450_000_000
 """Longer than the servo's full travel of 0.29 s and its stick."""
-AXLE_SPEED_DIVERGENCE_MPS = 1.0
+AXLE_SPEED_DIVERGENCE_MPS: Final = 1.0
 """Driven and rear wheels; a locked or spinning axle may differ for a moment."""
-_R = MonitorReason
+_R: Final = MonitorReason
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Motion:
     """What the status frames say; NaN where they say nothing."""
 
-    wheel_angle_rad: float
-    applied_wheel_angle_rad: float
-    front_speed_radps: float
-    applied_speed_radps: float
-    rear_speed_radps: float
-    servo_ratio: float
-    applied_servo_ratio: float
+    wheel_angle_rad: Final[float]
+    applied_wheel_angle_rad: Final[float]
+    front_speed_radps: Final[float]
+    applied_speed_radps: Final[float]
+    rear_speed_radps: Final[float]
+    servo_ratio: Final[float]
+    applied_servo_ratio: Final[float]
+
+    def __init__(
+        self,
+        *,
+        wheel_angle_rad: float,
+        applied_wheel_angle_rad: float,
+        front_speed_radps: float,
+        applied_speed_radps: float,
+        rear_speed_radps: float,
+        servo_ratio: float,
+        applied_servo_ratio: float,
+    ) -> None:
+        self.wheel_angle_rad = wheel_angle_rad
+        self.applied_wheel_angle_rad = applied_wheel_angle_rad
+        self.front_speed_radps = front_speed_radps
+        self.applied_speed_radps = applied_speed_radps
+        self.rear_speed_radps = rear_speed_radps
+        self.servo_ratio = servo_ratio
+        self.applied_servo_ratio = applied_servo_ratio
 
 
 class MotionChecks:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from canbus.frame import Frame
 
-_HEAD = struct.Struct("<QIBB")
+_HEAD: Final = struct.Struct("<QIBB")
 
 TraceRow = tuple[int, str, Frame]
 

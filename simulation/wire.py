@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from canbus.frame import Frame
 from canbus.timing import frame_time_ns
 from simulation.kernel import Kernel
 
-WIRE_PRIORITY = 0
+WIRE_PRIORITY: Final = 0
 """Frames end before nodes step at the same instant."""
 
-LOAD_WINDOW_NS = 100_000_000
+LOAD_WINDOW_NS: Final = 100_000_000
 """Span over which the largest bus load is told."""
 
 

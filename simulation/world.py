@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
@@ -27,11 +27,11 @@ from simulation.trace import Trace
 from simulation.wire import Wire, WireFrame
 from vehicles import Vehicle
 
-STEP_PRIORITY = 1
-PHASE_STEP_NS = 1_370_000
+STEP_PRIORITY: Final = 1
+PHASE_STEP_NS: Final = 1_370_000
 """Nodes begin their cycles apart, as crystals that were switched on by hand do."""
-DRIFT_PPM_MAX = 100
-EPOCH_NS_MAX = 10**12
+DRIFT_PPM_MAX: Final = 100
+EPOCH_NS_MAX: Final = 10**12
 """Clocks show up to 17 minutes at the start: a time taken from another clock is far off."""
 
 Sense = Callable[[int], Any]

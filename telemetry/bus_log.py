@@ -5,18 +5,19 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from canbus.frame import Frame, FrameKind
 from canbus.timing import frame_time_ns
 from dbc.messages import SPECS
 from simulation.trace import TraceRow
 
-LOAD_WINDOW_NS = 100_000_000
+LOAD_WINDOW_NS: Final = 100_000_000
 """Span over which the largest bus load is told."""
 
-DATA_BYTES_MAX = 8
+DATA_BYTES_MAX: Final = 8
 
-STRANGER = "stranger"
+STRANGER: Final = "stranger"
 """Sender of an identifier that is nobody's."""
 
 

@@ -144,5 +144,5 @@ class BusRecorder:
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            for arrival_ns, frame in self._bus.receive(RECEIVE_NS):
-                self._log.add(max(0, arrival_ns - self._start_ns), frame)
+            for item in self._bus.receive(RECEIVE_NS):
+                self._log.add(max(0, item.arrival_ns - self._start_ns), item.frame)

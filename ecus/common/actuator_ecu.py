@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import EventKind, StepOutput
@@ -28,25 +28,25 @@ from ecus.common.node_state import NODE_STATE_AFTER, SAFE_STATES, NodeEvent
 from ecus.common.shell import Shell
 from vehicles import Vehicle
 
-DRIVING_MODES = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+DRIVING_MODES: Final = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 """Modes in which an authorised axis moves by command."""
 
-NOT_BRAKING_CODES = frozenset({ErrorCode.ER0, ErrorCode.ER3})
+NOT_BRAKING_CODES: Final = frozenset({ErrorCode.ER0, ErrorCode.ER3})
 """ER0: the frame is ignored. ER3: braking goes on while the car moves (design, error codes)."""
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
-CAUSE_AGE_MS_MAX = 65_535
-COMMAND_COMING_NS = 50_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+CAUSE_AGE_MS_MAX: Final = 65_535
+COMMAND_COMING_NS: Final = 50_000_000
 """Younger command frames show that the gateway lives: one of 20 ms may be lost."""
-NEVER_NS = 1 << 62
+NEVER_NS: Final = 1 << 62
 
-CONTESTED_NS = 100_000_000
+CONTESTED_NS: Final = 100_000_000
 """A SUPERVISOR_STATE frame out of sequence may mean two senders of it. For this long no MANUAL
 ends a safe state, and the supervisor's EMERGENCY_BRAKE is believed whatever the mode seems to be:
 it always gets through, as it needs no sequence."""
-SUPERVISOR_STATE_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
-SUPERVISOR_BRAKE_ID = SPEC_OF_NAME["SUPERVISOR_EMERGENCY_BRAKE"].can_id
+SUPERVISOR_STATE_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+SUPERVISOR_BRAKE_ID: Final = SPEC_OF_NAME["SUPERVISOR_EMERGENCY_BRAKE"].can_id
 
 SensorsT = TypeVar("SensorsT")
 ActuatorT = TypeVar("ActuatorT")

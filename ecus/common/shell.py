@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import (
@@ -29,7 +30,7 @@ from ecus.common.codes import (
 )
 from vehicles import Vehicle
 
-_LATE_REASON = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
+_LATE_REASON: Final = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
 
 
 def load_eds(name: str) -> str:
@@ -103,7 +104,7 @@ class Shell:
         if fault is not None:
             self.add_cause(ErrorCode.ER2, _LATE_REASON[fault])
         ids = self._canopen_ids
-        for_canopen = [item[1] for item in received if item[1].can_id in ids]
+        for_canopen = [item.frame for item in received if item.frame.can_id in ids]
         if self._is_nmt_master and not self.is_operational:
             for_canopen.append(nmt_frame(NmtCommand.START, self.canopen.node_id))
         bad_frames = self.canopen.bad_frames

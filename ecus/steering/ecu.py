@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
@@ -25,15 +25,15 @@ from ecus.steering.params import EXPOSED, SteeringParams
 from ecus.steering.ports import COAST, SteeringActuator, SteeringSensors
 from vehicles import Vehicle
 
-HOLD_SPEED_MPS_MIN = 0.5
+HOLD_SPEED_MPS_MIN: Final = 0.5
 """Below this the wheel is let go in a safe state (design, safe alone)."""
 
-_SPEED_SOURCES = ("THROTTLE_STATUS", "BRAKE_STATUS")
+_SPEED_SOURCES: Final = ("THROTTLE_STATUS", "BRAKE_STATUS")
 
-TORQUE_NM_MAX = 40.0
+TORQUE_NM_MAX: Final = 40.0
 """What STEER_DRIVER can carry."""
 
-PERIOD_S = PERIOD_NS * 1e-9
+PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):

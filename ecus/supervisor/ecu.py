@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import EventKind, StepOutput
@@ -50,24 +50,24 @@ from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
 from ecus.supervisor.standstill import Standstill
 from vehicles import Vehicle
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
-FOREIGN_NS = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+FOREIGN_NS: Final = 1_000_000_000
 """A frame of nobody's, or a FAILSAFE, denies engagement and reset for this long."""
 
-OBEYED_NS = 30_000_000
+OBEYED_NS: Final = 30_000_000
 """By then a node has heard the emergency brake and has told its new state."""
 
-RESET_NS = 15_000_000
+RESET_NS: Final = 15_000_000
 """A reset is asked for this long; by then the gateway has objected to one that is not its own."""
-OBJECTION_NS = 100_000_000
+OBJECTION_NS: Final = 100_000_000
 """An EMERGENCY_BRAKE of another node speaks against a reset for this long."""
 
-SILENCES = frozenset({Reason.NODE_SILENT, Reason.VERDICT_MISSING})
+SILENCES: Final = frozenset({Reason.NODE_SILENT, Reason.VERDICT_MISSING})
 """Reasons that only the supervisor finds: it sends their EMCY."""
 
-RESET_EPOCHS = 16
-DEFAULT_PLANNER_PERIOD_MS = 20
+RESET_EPOCHS: Final = 16
+DEFAULT_PLANNER_PERIOD_MS: Final = 20
 
 
 class SupervisorEcu:
@@ -364,5 +364,5 @@ class SupervisorEcu:
         return [frame for frame in starts if frame is not None]
 
 
-_AXES = ("steering", "throttle", "brake")
+_AXES: Final = ("steering", "throttle", "brake")
 assert SPEC_OF_NAME["SUPERVISOR_STATE"].cycle_ns == 10_000_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from operator import attrgetter
+from typing import Final
 
 from canbus.canopen_protocol import (
     CONFIGURATION,
@@ -18,13 +19,13 @@ from dbc.endpoint import Endpoint, Message
 from dbc.messages import ErrorCode, HeartbeatState, NodeState
 from ecus.common.codes import ER_CODES, NO_CODES
 
-OTHERS = tuple(name for name in NODE_IDS if name != "Supervisor")
+OTHERS: Final = tuple(name for name in NODE_IDS if name != "Supervisor")
 """Nodes 2 to 6, in the order in which their trouble is told."""
 
-ACTUATORS = {"Steering": "STEER", "Throttle": "THROTTLE", "BrakeServo": "BRAKE"}
+ACTUATORS: Final = {"Steering": "STEER", "Throttle": "THROTTLE", "BrakeServo": "BRAKE"}
 """Actuator nodes and their prefix in the DBC's messages."""
 
-LIVENESS = {
+LIVENESS: Final = {
     "Steering": ("STEER_STATUS", "STEER_DRIVER"),
     "Throttle": ("THROTTLE_STATUS", "THROTTLE_DRIVER"),
     "BrakeServo": ("BRAKE_STATUS", "BRAKE_DRIVER"),
@@ -33,10 +34,10 @@ LIVENESS = {
 }
 """Protected frames by which each node shows that it lives."""
 
-DRIVER_FRAMES = {name: f"{prefix}_DRIVER" for name, prefix in ACTUATORS.items()}
-_FLAGS = attrgetter(*(f"er{n}" for n in range(ER_CODES)))
+DRIVER_FRAMES: Final = {name: f"{prefix}_DRIVER" for name, prefix in ACTUATORS.items()}
+_FLAGS: Final = attrgetter(*(f"er{n}" for n in range(ER_CODES)))
 
-HEARTBEATS = {
+HEARTBEATS: Final = {
     "Steering": "STEER_HEARTBEAT",
     "Throttle": "THROTTLE_HEARTBEAT",
     "BrakeServo": "BRAKE_HEARTBEAT",
@@ -44,13 +45,13 @@ HEARTBEATS = {
     "Gateway": "GATEWAY_HEARTBEAT",
 }
 
-START_INTERVAL_NS = 200_000_000
+START_INTERVAL_NS: Final = 200_000_000
 """A node that is not OPERATIONAL is told to start at most this often."""
 
-ASK_INTERVAL_NS = 200_000_000
+ASK_INTERVAL_NS: Final = 200_000_000
 """A node that does not tell its configuration is asked at most this often."""
 
-RESET_BLOCKING = frozenset({ErrorCode.ER1, ErrorCode.ER2, ErrorCode.ER4, ErrorCode.ER6})
+RESET_BLOCKING: Final = frozenset({ErrorCode.ER1, ErrorCode.ER2, ErrorCode.ER4, ErrorCode.ER6})
 """Codes whose cause must be gone before a reset. ER0 and ER3 do not brake; ER5 ends by itself."""
 
 
@@ -132,7 +133,7 @@ class Nodes:
         """Takes this step's messages in and judges every node anew."""
         endpoint, watches = self._endpoint, self._watch_of_heartbeat
         for message in messages:
-            watch = watches.get(message[0])
+            watch = watches.get(message.can_id)
             if watch is not None:
                 watch.on_heartbeat(message.content.state)
         self.alive = {

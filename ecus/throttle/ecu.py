@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
@@ -26,21 +26,21 @@ from ecus.throttle.params import EXPOSED, ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, ThrottleSensors
 from vehicles import Vehicle
 
-BRAKING_RATIO_MIN = 0.05
+BRAKING_RATIO_MIN: Final = 0.05
 """Servo position above which the pads touch: no drive torque, frozen integrator."""
 
-BRAKED_RATIO_MIN = 0.5
+BRAKED_RATIO_MIN: Final = 0.5
 """Servo position that counts as braking in an emergency."""
 
-TRAVEL_MARGIN = 1.3
+TRAVEL_MARGIN: Final = 1.3
 """The servo is given this multiple of its travel time before it counts as dead."""
 
-REGEN_SPEED_MPS_MIN = 0.3
+REGEN_SPEED_MPS_MIN: Final = 0.3
 """Regeneration ends here: it could not hold the car, only turn it back."""
 
-PEDAL_RATIO_MAX = 1.2
-WHEEL_SPEED_RADPS_MAX = 320.0
-PERIOD_S = PERIOD_NS * 1e-9
+PEDAL_RATIO_MAX: Final = 1.2
+WHEEL_SPEED_RADPS_MAX: Final = 320.0
+PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
