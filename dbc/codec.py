@@ -56,7 +56,11 @@ def encode(spec: MessageSpec, message: Any, counter: int = 0) -> Frame:
         SignalRangeError: A value outside its signal's range, or NaN where the signal has no code
             for "not available".
     """
-    bits = spec.pack(message)
+    return encode_bits(spec, spec.pack(message), counter)
+
+
+def encode_bits(spec: MessageSpec, bits: int, counter: int = 0) -> Frame:
+    """The same for a message that has been packed already."""
     if spec.data_id is not None:
         assert 0 <= counter < COUNTER_MODULO
         bits |= counter << COUNTER_SHIFT
@@ -65,11 +69,12 @@ def encode(spec: MessageSpec, message: Any, counter: int = 0) -> Frame:
     if frame is None:
         if len(known) >= MEMORY_PER_ID:
             known.clear()
-        frame = known[bits] = Frame(spec.can_id, _data(spec, bits))
+        frame = known[bits] = Frame(spec.can_id, frame_data(spec, bits))
     return frame
 
 
-def _data(spec: MessageSpec, bits: int) -> bytes:
+def frame_data(spec: MessageSpec, bits: int) -> bytes:
+    """Data of a frame for its packed content, counter in: what `encode_bits` remembers."""
     if spec.data_id is None:
         return bits.to_bytes(spec.length, "little")
     return with_crc(bits, spec.data_id)
@@ -98,11 +103,12 @@ def decode_data(can_id: int, data: bytes) -> Decoded | FrameFault:
     if decoded is None:
         if len(known) >= MEMORY_PER_ID:
             known.clear()
-        decoded = known[data] = _decode(SPECS[can_id], data)
+        decoded = known[data] = decode_anew(SPECS[can_id], data)
     return decoded
 
 
-def _decode(spec: MessageSpec, data: bytes) -> Decoded | FrameFault:
+def decode_anew(spec: MessageSpec, data: bytes) -> Decoded | FrameFault:
+    """The same without remembering."""
     if len(data) != spec.length:
         return FrameFault.LENGTH
     counter: int | None = None

@@ -98,7 +98,6 @@ class GatewayCore:
         self.vehicle = vehicle
         self.planner_period_ns = planner_period_ns
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
-        self._endpoint = Endpoint(self.name, SUBSCRIBED)
         self._canopen = CanopenNode(
             NODE_IDS[self.name],
             files("dbc").joinpath("eds", "gateway.eds").read_text(encoding="utf-8"),
@@ -106,6 +105,7 @@ class GatewayCore:
             vehicle_hash=configuration_hash(vehicle.text),
             parameters={"command_timeout_s": vehicle.times.command_timeout_s},
         )
+        self._endpoint = Endpoint(self.name, SUBSCRIBED, self._canopen.acceptance)
         self.acceptance: frozenset[int] | None = (
             self._endpoint.acceptance | self._canopen.acceptance
         )
@@ -136,8 +136,8 @@ class GatewayCore:
         assert now_ns >= self._now_ns, "time went back"
         self._now_ns = now_ns
         self._events = []
-        frames = self._step_canopen(received)
         messages = self._endpoint.take(received)
+        frames = self._step_canopen()
         self._judge_traffic()
         for message in messages:
             self._follow(message)
@@ -166,11 +166,8 @@ class GatewayCore:
 
     # What comes in ---------------------------------------------------------------------------
 
-    def _step_canopen(self, received: Sequence[ReceivedFrame]) -> list[Frame]:
-        ids = self._canopen.acceptance
-        frames = self._canopen.step(
-            self._now_ns, [item.frame for item in received if item.frame.can_id in ids]
-        )
+    def _step_canopen(self) -> list[Frame]:
+        frames = self._canopen.step(self._now_ns, self._endpoint.handed_on)
         for event in self._canopen.poll_events():
             self._obey(event)
         return frames

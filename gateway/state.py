@@ -36,7 +36,6 @@ from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
 
 NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1000.0
-_CODE_SIGNALS: Final = tuple((f"er{n}", ErrorCode(n)) for n in range(7))
 
 LIMIT_REASONS: Final = frozenset(
     {
@@ -60,6 +59,12 @@ _FRAMES: Final[dict[str, tuple[str, str, type[Any] | None]]] = {
     "SafetyMonitor": ("SAFETY_MONITOR", "SAFETY_VERDICT", None),
 }
 """Per node: prefix of its messages, its protected 10 ms frame, the type of its driver frame."""
+
+_NAMES_OF: Final = {
+    node: (status, f"{prefix}_HEARTBEAT", f"{prefix}_DRIVER", kind)
+    for node, (prefix, status, kind) in _FRAMES.items()
+}
+"""Per node: its 10 ms frame, its heartbeat, its driver frame if it has one, the latter's type."""
 
 SUBSCRIBED: Final = tuple(
     name
@@ -248,7 +253,12 @@ def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnS
 
 def codes_of(message: Any) -> tuple[ErrorCode, ...]:
     """The codes ER0-ER6 whose bits are set in a message that carries them."""
-    return tuple([code for signal, code in _CODE_SIGNALS if getattr(message, signal)])
+    flags = (
+        message.er0, message.er1, message.er2, message.er3, message.er4, message.er5, message.er6
+    )
+    if True not in flags:
+        return ()
+    return tuple([ErrorCode(n) for n, is_set in enumerate(flags) if is_set])
 
 
 def why_not_engaged(
@@ -311,12 +321,12 @@ def _age_s(endpoint: Endpoint, name: str, now_ns: int) -> float:
 
 
 def _node_health(endpoint: Endpoint, node: str, now_ns: int) -> NodeHealth:
-    prefix, status, driver_kind = _FRAMES[node]
-    heartbeat = _fresh(endpoint, f"{prefix}_HEARTBEAT", Heartbeat, now_ns)
+    status, heartbeat_name, driver_name, driver_kind = _NAMES_OF[node]
+    heartbeat = _fresh(endpoint, heartbeat_name, Heartbeat, now_ns)
     node_state: NodeState | None = None
     codes: tuple[ErrorCode, ...] | None = ()
     if driver_kind is not None:
-        driver = _fresh(endpoint, f"{prefix}_DRIVER", driver_kind, now_ns)
+        driver = _fresh(endpoint, driver_name, driver_kind, now_ns)
         node_state = None if driver is None else driver.node_state
         codes = None if driver is None else codes_of(driver)
     return NodeHealth(

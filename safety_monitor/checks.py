@@ -7,7 +7,14 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from dbc.messages import ErrorCode, Mode, MonitorReason, SupervisorState
+from dbc.messages import (
+    BrakeDriver,
+    Mode,
+    MonitorReason,
+    SteerDriver,
+    SupervisorState,
+    ThrottleDriver,
+)
 from safety_monitor.verdict import Severity
 
 NS_PER_S: Final = 1_000_000_000
@@ -183,6 +190,8 @@ def _keeps_its_word(last: SupervisorState, state: SupervisorState) -> bool:
     return True
 
 
-def reported_codes(message: object) -> list[ErrorCode]:
-    """Codes but ER0 that a driver frame reports: each denies a drive."""
-    return [ErrorCode(n) for n in range(1, 7) if getattr(message, f"er{n}")]
+def reports_code(message: SteerDriver | ThrottleDriver | BrakeDriver) -> bool:
+    """Whether a driver frame reports any code but ER0: each denies a drive."""
+    return (
+        message.er1 or message.er2 or message.er3 or message.er4 or message.er5 or message.er6
+    )

@@ -58,7 +58,7 @@ class Wire:
         self._sender = ""
         self._frame = Frame(0)
         self._span_ns = 0
-        self._receivers: dict[tuple[str, int], list[Station]] = {}
+        self._routes: dict[int, tuple[str, list[Station]]] = {}
         self._window_end_ns = LOAD_WINDOW_NS
         self._window_busy_ns = 0
         self.filters: list[Filter] = []
@@ -70,7 +70,7 @@ class Wire:
     def attach(self, station: Station) -> None:
         """Adds a station; order of attachment is order of delivery."""
         self._stations.append(station)
-        self._receivers.clear()
+        self._routes.clear()
 
     def send(self, true_ns: int, sender: str, frames: Sequence[Frame]) -> None:
         """Puts frames into the sender's queue; they leave by priority."""
@@ -93,9 +93,10 @@ class Wire:
         self._account(true_ns, self._span_ns)
         for witness in self.witnesses:
             witness(true_ns, sender, frame)
-        receivers = self._receivers.get((sender, frame.can_id))
-        if receivers is None:
-            receivers = self._route(sender, frame.can_id)
+        route = self._routes.get(frame.can_id)
+        if route is None or route[0] != sender:
+            route = self._route(sender, frame.can_id)
+        receivers = route[1]
         item = (true_ns, frame)
         if not self.filters:
             for station in receivers:
@@ -107,14 +108,15 @@ class Wire:
         if self._pending:
             self._begin(true_ns)
 
-    def _route(self, sender: str, can_id: int) -> list[Station]:
-        """The stations that want this sender's frames, by their acceptance filters."""
-        route = self._receivers[sender, can_id] = [
+    def _route(self, sender: str, can_id: int) -> tuple[str, list[Station]]:
+        """The sender, and the stations that want these frames of his by their filters."""
+        receivers = [
             station
             for station in self._stations
             if station.name != sender
             and (station.acceptance is None or can_id in station.acceptance)
         ]
+        route = self._routes[can_id] = (sender, receivers)
         return route
 
     def _account(self, true_ns: int, span_ns: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from canbus.frame import Frame
-from canbus.node import NODE_IDS, PERIOD_NS, Event
+from canbus.node import NODE_IDS, PERIOD_NS, Event, StepOutput
 from ecus.brake_servo.ecu import BrakeServoEcu
 from ecus.steering.ecu import SteeringEcu
 from ecus.supervisor.ecu import SupervisorEcu
@@ -74,27 +74,32 @@ class Station:
         self._world.kernel.at(true_ns, STEP_PRIORITY, self._cycle)
 
     def _cycle(self, true_ns: int) -> None:
-        missed = max(self.clock.local_ns(true_ns) - self._next_ns, 0) // PERIOD_NS
-        self._next_ns += (1 + missed) * PERIOD_NS  # no bursts: what is missed is missed
-        due_ns = self.clock.true_ns(self._next_ns) + self._world.delay_ns(self.name)
-        self._world.kernel.at(max(due_ns, true_ns), STEP_PRIORITY, self._cycle)
+        world, clock = self._world, self.clock
+        now_ns = clock.local_ns(true_ns)
+        late_ns = now_ns - self._next_ns
+        if late_ns >= PERIOD_NS:  # no bursts: what is missed is missed
+            self._next_ns += late_ns // PERIOD_NS * PERIOD_NS
+        self._next_ns += PERIOD_NS
+        due_ns = clock.true_ns(self._next_ns) + world.delay_ns(self.name)
+        world.kernel.at(max(due_ns, true_ns), STEP_PRIORITY, self._cycle)
         if self.is_alive:
-            self.step(true_ns)
+            self._step(true_ns, now_ns, self._mounting.sense(true_ns))
         else:
             self.inbox.clear()
 
-    def step(self, true_ns: int, sensors: Any = None) -> None:
+    def step(self, true_ns: int, sensors: Any) -> None:
         """One step of the node now; `sensors` in place of what its mounting reads."""
+        self._step(true_ns, self.clock.local_ns(true_ns), sensors)
+
+    def _step(self, true_ns: int, now_ns: int, sensors: Any) -> None:
         heard, self.inbox = self.inbox, []
         received = [] if self.is_deaf else self.clock.received(heard)
-        if sensors is None:
-            sensors = self._mounting.sense(true_ns)
-        output = self.node.step(self.clock.local_ns(true_ns), received, sensors)
+        output: StepOutput[Any] = self.node.step(now_ns, received, sensors)
         if output.actuator is not None:
             self._mounting.act(true_ns, output.actuator)
         if output.events:
             self._world.take_events(true_ns, output.events)
-        if not self.is_mute:
+        if output.frames and not self.is_mute:
             self._world.wire.send(true_ns, self.name, output.frames)
 
     def restart(self) -> None:
@@ -201,7 +206,7 @@ class World:
         """Somebody else's frame on the wire."""
         self.wire.send(self.now_ns, sender, [frame])
 
-    def take_events(self, true_ns: int, events: list[Event]) -> None:
+    def take_events(self, true_ns: int, events: Sequence[Event]) -> None:
         """Keeps what a node reports, with the true time."""
         self.events.extend((true_ns, event) for event in events)
 

@@ -6,7 +6,7 @@ import threading
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ from telemetry.bus_log import BusLog
 
 FloatArray = NDArray[np.float64]
 
-RECEIVE_NS = 50_000_000
+RECEIVE_NS: Final = 50_000_000
 """How long the recorder waits for frames before it looks whether it is over."""
 
-STANDSTILL_MPS = 0.05
+STANDSTILL_MPS: Final = 0.05
 """Slower samples count as standing: they are left out of a drive's errors."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import BrakeDriver, BrakeStatus, ErrorCode, Mode, Reason
@@ -13,7 +13,7 @@ from ecus.brake_servo.control import RestInputs, ServoRest, approach
 from ecus.brake_servo.mode import ACTION, BrakeAction, Situation
 from ecus.brake_servo.params import EXPOSED, BrakeParams
 from ecus.brake_servo.ports import RELEASED, BrakeActuator, BrakeSensors
-from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.driver_input import Debounce
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp
@@ -156,6 +156,19 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator]):
             rear_wheel_speed_radps=self._wheel_speed_radps,
         )
 
-    def _driver(self, flags: dict[str, Any]) -> BrakeDriver:
-        return BrakeDriver(pedal_ratio=self._pedal_ratio, **flags)
+    def _driver(self, told: Told) -> BrakeDriver:
+        er0, er1, er2, er3, er4, er5, er6 = told.er
+        return BrakeDriver(
+            pedal_ratio=self._pedal_ratio,
+            driver_active=told.driver_active,
+            node_state=told.node_state,
+            present_codes=told.present_codes,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
+        )
 

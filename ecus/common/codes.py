@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 from typing import Final
 
 from dbc.messages import ErrorCode, Reason
@@ -87,9 +85,9 @@ def code_bits(codes: frozenset[ErrorCode]) -> int:
 
 
 @cache
-def code_flags(codes: frozenset[ErrorCode]) -> Mapping[str, bool]:
+def code_flags(codes: frozenset[ErrorCode]) -> tuple[bool, ...]:
     """The signals er0 to er6 of a status message."""
-    return MappingProxyType({f"er{n}": ErrorCode(n) in codes for n in range(ER_CODES)})
+    return tuple(ErrorCode(n) in codes for n in range(ER_CODES))
 
 
 def emcy_payload(cause: Cause, codes: frozenset[ErrorCode]) -> bytes:

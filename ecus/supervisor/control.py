@@ -111,7 +111,10 @@ def engage_inhibit(situation: Situation) -> Inhibit:
         (not situation.speed_mps <= situation.engage_speed_mps_max, Inhibit.TOO_FAST),
         (situation.mode is not Mode.READY, Inhibit.PRESS_BUTTON),
     )
-    return next((reason for holds, reason in rules if holds), Inhibit.NOT_REQUESTED)
+    for holds, reason in rules:
+        if holds:
+            return reason
+    return Inhibit.NOT_REQUESTED
 
 
 ACTUATOR_NODES: Final = ("Steering", "Throttle", "BrakeServo")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
@@ -16,7 +16,7 @@ from dbc.messages import (
     ThrottleDriver,
     ThrottleStatus,
 )
-from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp
 from ecus.common.node_state import SAFE_STATES
@@ -149,8 +149,21 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             applied_wheel_speed_radps=reference_radps if is_following else math.nan,
         )
 
-    def _driver(self, flags: dict[str, Any]) -> ThrottleDriver:
+    def _driver(self, told: Told) -> ThrottleDriver:
         pedal_ratio = self._pedal_ratio
         if not math.isnan(pedal_ratio):
             pedal_ratio = clamp(pedal_ratio, 0.0, PEDAL_RATIO_MAX)
-        return ThrottleDriver(pedal_ratio=pedal_ratio, **flags)
+        er0, er1, er2, er3, er4, er5, er6 = told.er
+        return ThrottleDriver(
+            pedal_ratio=pedal_ratio,
+            driver_active=told.driver_active,
+            node_state=told.node_state,
+            present_codes=told.present_codes,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
+        )
