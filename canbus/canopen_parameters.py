@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Final, Protocol, Self
 
-INTEGER32 = 0x04
-UNSIGNED32 = 0x07
+INTEGER32: Final = 0x04
+UNSIGNED32: Final = 0x07
 
 
 class EdsVariable(Protocol):

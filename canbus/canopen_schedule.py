@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
 from canbus.frame import Frame
 
-AT_ONCE_NS = -(1 << 63)
-NEVER_NS = 1 << 63
+AT_ONCE_NS: Final = -(1 << 63)
+NEVER_NS: Final = 1 << 63
 
-EMCY_QUEUE_MAX = 8
+EMCY_QUEUE_MAX: Final = 8
 """Emergencies that wait; of more, the oldest is dropped: what holds now is what matters."""
 
 

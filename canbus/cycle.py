@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Final
 
 from canbus.node import PERIOD_NS
 
-LATE_NS_MAX = 50_000_000
+LATE_NS_MAX: Final = 50_000_000
 """A node later than this is not to be trusted with an actuator (design, ER2)."""
 
-OVERRUN_NS = PERIOD_NS // 2
+OVERRUN_NS: Final = PERIOD_NS // 2
 """A cycle that begins later than this after its due time is an overrun."""
 
-OVERRUNS_IN_A_ROW_MAX = 3
+OVERRUNS_IN_A_ROW_MAX: Final = 3
 
 assert OVERRUN_NS < PERIOD_NS < LATE_NS_MAX  # an overrun alone must not brake
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from canbus.frame import Frame, ReceivedFrame
 
-PERIOD_NS = 10_000_000
+PERIOD_NS: Final = 10_000_000
 """Every node's cycle: 10 ms (design; UAH's 100 ms, UWA's loop, are slower)."""
 
-NODE_IDS = {
+NODE_IDS: Final = {
     "Supervisor": 1,
     "Steering": 2,
     "Throttle": 3,
@@ -56,13 +56,17 @@ SensorsT = TypeVar("SensorsT", contravariant=True)
 ActuatorT = TypeVar("ActuatorT", covariant=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StepOutput(Generic[ActuatorT]):
     """A step's answer. `actuator` is the command to the hardware, in force until the next step."""
 
-    frames: Sequence[Frame]
-    actuator: ActuatorT
-    events: Sequence[Event]
+    __slots__ = ("actuator", "events", "frames")
+
+    def __init__(
+        self, *, frames: Sequence[Frame], actuator: ActuatorT, events: Sequence[Event]
+    ) -> None:
+        self.frames: Final = frames
+        self.actuator = actuator
+        self.events: Final = events
 
 
 class Node(Protocol[SensorsT, ActuatorT]):

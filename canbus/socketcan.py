@@ -9,6 +9,7 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Callable
+from typing import Final
 
 from canbus.timing import (
     CRC_BITS,
@@ -17,22 +18,22 @@ from canbus.timing import (
     STANDARD_HEADER_BITS,
 )
 
-FRAME_BYTES = 768
+FRAME_BYTES: Final = 768
 """What one classical frame costs in a socket's receive queue, the kernel's `skb->truesize`:
 256 for `struct sk_buff`, 512 for the frame with head room and shared info (64 bit)."""
 
-FRAME_BITS_MIN = STANDARD_HEADER_BITS + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS
+FRAME_BITS_MIN: Final = STANDARD_HEADER_BITS + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS
 """A frame without data and without a stuff bit: 47 bits."""
 
-SO_RCVBUFFORCE = 33
-SO_MEMINFO = 55
+SO_RCVBUFFORCE: Final = 33
+SO_MEMINFO: Final = 55
 """Linux `asm-generic/socket.h`; Python's socket module has neither."""
 
-_MEMINFO = struct.Struct("@9I")
-_MEMINFO_DROPS = 8
+_MEMINFO: Final = struct.Struct("@9I")
+_MEMINFO_DROPS: Final = 8
 """Place of SK_MEMINFO_DROPS (linux/sock_diag.h)."""
 
-_NS_PER_S = 1_000_000_000
+_NS_PER_S: Final = 1_000_000_000
 
 
 def backlog_frames_max(away_ns: int, bitrate_bps: int) -> int:

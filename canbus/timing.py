@@ -9,28 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Final
 
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind
 
-CRC_POLYNOMIAL = 0x4599
+CRC_POLYNOMIAL: Final = 0x4599
 """CRC-15 of classical CAN (ISO 11898-1)."""
-INTERFRAME_SPACE_BITS = 3
-FIXED_TAIL_BITS = 10
+INTERFRAME_SPACE_BITS: Final = 3
+FIXED_TAIL_BITS: Final = 10
 """Never stuffed: CRC delimiter, acknowledge slot and delimiter, seven bits end of frame."""
-ERROR_SIGNAL_BITS_MAX = 23
+ERROR_SIGNAL_BITS_MAX: Final = 23
 """Error flag (6) echoed by the others (up to 6), delimiter (8), interframe space (3)."""
-STANDARD_HEADER_BITS = 19
+STANDARD_HEADER_BITS: Final = 19
 """Start of frame, identifier 11, RTR, IDE, r0, DLC 4."""
-EXTENDED_HEADER_BITS = 39
+EXTENDED_HEADER_BITS: Final = 39
 """Start of frame, identifier 11, SRR, IDE, identifier 18, RTR, r1, r0, DLC 4."""
-CRC_BITS = 15
-DATA_BYTES_MAX = 8
+CRC_BITS: Final = 15
+DATA_BYTES_MAX: Final = 8
 
-_CRC_MASK = 0x7FFF
-_NS_PER_S = 1_000_000_000
+_CRC_MASK: Final = 0x7FFF
+_NS_PER_S: Final = 1_000_000_000
 
 
 def _stuff(state: int, bits: int, count: int) -> tuple[int, int]:
@@ -61,22 +60,24 @@ def _crc(crc: int, bits: int, count: int) -> int:
     return crc
 
 
-# One row per state: for each byte the stuff bits it causes and the row of the state after it;
-# behind them, for each 7 bits (the end of the CRC), the stuff bits alone.
-_Row = list[tuple[int, Any]]
-_ROWS: list[_Row] = [[] for _ in range(8)]
-for _state, _row in enumerate(_ROWS):
+# For each state (times 256) and byte: the stuff bits the byte causes, and the state after it, in
+# its place for the next look-up. The end of the CRC has 7 bits: for them the stuff bits alone.
+_STUFF_MASK: Final = 0x3
+_STATE_MASK: Final = 0x700
+_STUFF_OF_BYTE: Final[list[int]] = []
+_STUFF_OF_TAIL: Final[list[int]] = []
+for _state in range(8):
     for _value in range(256):
         _stuffed, _after = _stuff(_state, _value, 8)
-        _row.append((_stuffed, _ROWS[_after]))
-    _row.extend((_stuff(_state, _value, 7)[0], None) for _value in range(128))
+        _STUFF_OF_BYTE.append(_stuffed | _after << 8)
+    _STUFF_OF_TAIL.extend(_stuff(_state, _value, 7)[0] for _value in range(128))
 
 # The CRC is linear: it is the sum (XOR) of what each byte contributes at its own place.
-_CRC_BY_BYTES_BEHIND = [
+_CRC_BY_BYTES_BEHIND: Final = [
     [_crc(_crc(0, value, 8), 0, 8 * behind) for value in range(256)]
     for behind in range(DATA_BYTES_MAX)
 ]
-_CRC_TABLES = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
+_CRC_TABLES: Final = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
 
 
 def header_bits(can_id: int, kind: FrameKind, length: int) -> tuple[int, int]:
@@ -92,19 +93,42 @@ def crc15(bits: int, count: int) -> int:
     return _crc(0, bits, count)
 
 
-@lru_cache(maxsize=4096)
-def _header(can_id: int, kind: FrameKind, length: int) -> tuple[int, _Row, int, list[list[int]]]:
-    """What is known without the data: bits so far, row of the state, CRC so far, CRC tables."""
-    if kind > FrameKind.EXTENDED or length > DATA_BYTES_MAX:
-        raise ValueError(f"no classical frame: {kind.name} with {length} bytes")
-    if can_id >> (29 if kind is FrameKind.EXTENDED else 11):
-        raise ValueError(f"identifier {can_id:#x} does not fit a {kind.name} frame")
-    bits, count = header_bits(can_id, kind, length)
-    # Start of frame is dominant after a recessive bus: it starts the first run.
-    stuffed, state = _stuff(0, bits, count - 1)
-    fixed = count + 8 * length + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS
-    crc = _crc(_crc(0, bits, count), 0, 8 * length)
-    return fixed + stuffed, _ROWS[state], crc, _CRC_TABLES[length]
+class _Header:
+    """What is known of a frame without its data, and the lengths found for some data."""
+
+    __slots__ = ("bits", "crc", "crc_tables", "known", "state")
+
+    def __init__(self, can_id: int, kind: FrameKind, length: int) -> None:
+        bits, count = header_bits(can_id, kind, length)
+        # Start of frame is dominant after a recessive bus: it starts the first run.
+        stuffed, state = _stuff(0, bits, count - 1)
+        self.bits = (
+            stuffed + count + 8 * length + CRC_BITS + FIXED_TAIL_BITS + INTERFRAME_SPACE_BITS
+        )
+        self.state = state << 8
+        self.crc = _crc(_crc(0, bits, count), 0, 8 * length)
+        self.crc_tables = _CRC_TABLES[length]
+        self.known: dict[bytes, int] = {}
+
+
+_HEADERS_MAX: Final = 4096
+_LENGTHS_PER_HEADER: Final = 256
+_headers: Final[dict[int, _Header]] = {}
+
+
+def _header(can_id: int, kind: FrameKind, length: int) -> _Header:
+    """The header of a frame, checked and remembered."""
+    key = (can_id << 3 | kind) << 7 | length
+    header = _headers.get(key)
+    if header is None:
+        if kind > FrameKind.EXTENDED or length > DATA_BYTES_MAX:
+            raise ValueError(f"no classical frame: {kind.name} with {length} bytes")
+        if can_id >> (29 if kind is FrameKind.EXTENDED else 11):
+            raise ValueError(f"identifier {can_id:#x} does not fit a {kind.name} frame")
+        if len(_headers) >= _HEADERS_MAX:
+            _headers.clear()
+        header = _headers[key] = _Header(can_id, kind, length)
+    return header
 
 
 def frame_bits(frame: Frame) -> int:
@@ -118,14 +142,26 @@ def frame_bits(frame: Frame) -> int:
         ValueError: an FD or ERROR frame, an identifier out of range or more than 8 data bytes.
     """
     data = frame.data
-    bits, row, crc, crc_tables = _header(frame.can_id, frame.kind, len(data))
-    for value, crc_table in zip(data, crc_tables, strict=True):
-        stuffed, row = row[value]
-        bits += stuffed
+    header = _header(frame.can_id, frame.kind, len(data))
+    known = header.known
+    bits = known.get(data)
+    if bits is None:
+        if len(known) >= _LENGTHS_PER_HEADER:
+            known.clear()
+        bits = known[data] = _count_bits(header, data)
+    return bits
+
+
+def _count_bits(header: _Header, data: bytes) -> int:
+    bits, state, crc, table = header.bits, header.state, header.crc, _STUFF_OF_BYTE
+    for value, crc_table in zip(data, header.crc_tables, strict=True):
+        entry = table[state | value]
+        bits += entry & _STUFF_MASK
+        state = entry & _STATE_MASK
         crc ^= crc_table[value]
-    stuffed, row = row[crc >> 7]
-    tail: int = row[256 + (crc & 0x7F)][0]
-    return bits + stuffed + tail
+    entry = table[state | crc >> 7]
+    tail = _STUFF_OF_TAIL[(entry & _STATE_MASK) >> 1 | crc & 0x7F]
+    return bits + (entry & _STUFF_MASK) + tail
 
 
 def frame_bits_max(length: int, *, extended: bool = False) -> int:

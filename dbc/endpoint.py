@@ -3,42 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from dbc.codec import Decoded, FrameFault, decode, decode_data, encode
+from dbc.codec import DECODED, Decoded, FrameFault, decode, decode_data, encode_bits
 from dbc.messages import SPECS
 from dbc.protection import COUNTER_MODULO, USABLE, AliveCheck, AliveState
 from dbc.spec import MessageSpec
 
 MessageT = TypeVar("MessageT")
 
-SPEC_OF_NAME: dict[str, MessageSpec] = {spec.name: spec for spec in SPECS.values()}
+SPEC_OF_NAME: Final[dict[str, MessageSpec]] = {spec.name: spec for spec in SPECS.values()}
 """Message specifications by their DBC name."""
 
-ID_OF_NAME = {name: spec.can_id for name, spec in SPEC_OF_NAME.items()}
-TIMEOUT_NS_OF_NAME = {name: spec.timeout_ns for name, spec in SPEC_OF_NAME.items()}
+ID_OF_NAME: Final = {name: spec.can_id for name, spec in SPEC_OF_NAME.items()}
 
-FAILSAFE_ID = SPEC_OF_NAME["FAILSAFE"].can_id
+FAILSAFE_ID: Final = SPEC_OF_NAME["FAILSAFE"].can_id
 
-ERROR_BUS_OFF = 0x40
+ERROR_BUS_OFF: Final = 0x40
 """Bit of an error frame's identifier: the controller went bus-off (Linux can/error.h)."""
 
-STOPPING_IDS = frozenset(
+STOPPING_IDS: Final = frozenset(
     spec.can_id for spec in SPECS.values() if spec.name.endswith("EMERGENCY_BRAKE")
 )
 """Frames that can only stop the car: believed at once, without waiting for a second in sequence."""
 
+_DATA: Final = FrameKind.DATA
+_OK: Final = AliveState.OK
 
-class Message(NamedTuple):
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Message:
     """A message worth believing, with its arrival time on the node's clock."""
 
-    can_id: int
-    arrival_ns: int
-    content: Any
+    can_id: Final[int]
+    arrival_ns: Final[int]
+    content: Final[Any]
+
+    def __init__(self, can_id: int, arrival_ns: int, content: Any) -> None:
+        self.can_id = can_id
+        self.arrival_ns = arrival_ns
+        self.content = content
 
 
-class BadFrame(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class BadFrame:
     """A frame of ours that was ignored."""
 
     arrival_ns: int
@@ -60,22 +70,61 @@ def is_forged(frame: Frame) -> bool:
     return isinstance(decoded, Decoded) and decoded.counter is not None
 
 
+class Subscription:
+    """One identifier that a node listens to: how its frames are judged, and the newest message."""
+
+    __slots__ = ("can_id", "check", "known", "newest", "timeout_ns")
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.can_id = spec.can_id
+        self.timeout_ns = spec.timeout_ns
+        self.check = AliveCheck()
+        self.known = DECODED[spec.can_id]
+        self.newest: Message | None = None
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether a message has come within the DBC's time-out."""
+        newest = self.newest
+        return newest is not None and now_ns - newest.arrival_ns <= self.timeout_ns
+
+
+class Publication:
+    """One message that a node sends: its next counter, and the content sent last."""
+
+    __slots__ = ("bits", "counter", "message", "spec")
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.spec = spec
+        self.counter = 0
+        self.message: object = None
+        self.bits = 0
+
+
 class Endpoint:
     """One node's view of the bus.
 
-    After `take`, `latest` holds the newest believable message per identifier, `bad` the frames of
-    ours that were ignored, `foreign` frames with an identifier of our own or of nobody's. The last
-    two, and `is_bus_off`, are of this step alone; `counts` goes on.
+    After `take`, `bad` holds the frames of ours that were ignored, `foreign` frames with an
+    identifier of our own or of nobody's, and `handed_on` those that another reader of the node
+    wants. These, and `is_bus_off`, are of this step alone; the newest messages and `counts` go on.
+
+    Args:
+        node: The DBC's name of the node.
+        subscribed: Messages it listens to.
+        hand_on: Identifiers of frames that are somebody else's to read: CANopen's.
     """
 
-    def __init__(self, node: str, subscribed: Iterable[str]) -> None:
+    def __init__(
+        self, node: str, subscribed: Iterable[str], hand_on: frozenset[int] = frozenset()
+    ) -> None:
         self.node = node
+        self._hand_on = hand_on
         self._own = sent_by(node)
-        self._checks = {SPEC_OF_NAME[name].can_id: AliveCheck() for name in subscribed}
-        self._counters = dict.fromkeys(self._own, 0)
-        self.latest: dict[int, Message] = {}
+        self._of_name = {name: Subscription(SPEC_OF_NAME[name]) for name in subscribed}
+        self._of_id = {wanted.can_id: wanted for wanted in self._of_name.values()}
+        self._sent = {SPECS[can_id].name: Publication(SPECS[can_id]) for can_id in self._own}
         self.bad: list[BadFrame] = []
         self.foreign: list[ReceivedFrame] = []
+        self.handed_on: list[Frame] = []
         self.counts = dict.fromkeys(FrameFault, 0)
         self.lost = 0
         self.is_bus_off = False
@@ -83,102 +132,119 @@ class Endpoint:
     @property
     def acceptance(self) -> frozenset[int]:
         """Identifiers to let through: what is subscribed and, to notice strangers, our own."""
-        return self._own.union(self._checks)
+        return self._own.union(self._of_id)
 
     def take(self, received: Sequence[ReceivedFrame]) -> list[Message]:
         """Judges frames in order of arrival; answers the believable ones that are subscribed."""
         if self.bad or self.foreign or self.is_bus_off:
             self.bad, self.foreign, self.is_bus_off = [], [], False
+        if self.handed_on:
+            self.handed_on = []
         messages: list[Message] = []
-        checks, latest, data_kind = self._checks, self.latest, FrameKind.DATA
+        of_id = self._of_id
         for item in received:
-            arrival_ns, frame = item
+            frame = item.frame
             can_id = frame.can_id
-            check = checks.get(can_id)
-            if check is None or frame.kind is not data_kind:
-                self._take_odd(item, check)
+            wanted = of_id.get(can_id)
+            if wanted is None or frame.kind is not _DATA:
+                self._take_odd(item, wanted)
                 continue
-            decoded = decode_data(can_id, frame.data)
-            if decoded.__class__ is Decoded:
-                counter = decoded[1]
+            decoded = wanted.known.get(frame.data)
+            if decoded is None:
+                decoded = decode_data(can_id, frame.data)
+            if isinstance(decoded, Decoded):
+                counter, check = decoded.counter, wanted.check
                 if counter is None or (check.is_in_sequence and counter == check.expected):
-                    message = Message(can_id, arrival_ns, decoded[2])  # the usual case
+                    message = Message(can_id, item.arrival_ns, decoded.message)  # as a rule
                     if counter is not None:
                         check.expected = (counter + 1) % COUNTER_MODULO
-                        check.state = AliveState.OK
-                    latest[can_id] = message
+                        check.state = _OK
+                    wanted.newest = message
                     messages.append(message)
                     continue
-            believed = self._judge(item, check, decoded)
+            believed = self._judge(item, wanted, decoded)
             if believed is not None:
-                latest[can_id] = believed
+                wanted.newest = believed
                 messages.append(believed)
         return messages
 
-    def _take_odd(self, item: ReceivedFrame, check: AliveCheck | None) -> None:
+    def _take_odd(self, item: ReceivedFrame, wanted: Subscription | None) -> None:
         """A frame of another kind, or with an identifier that is not subscribed."""
         frame = item.frame
+        if frame.can_id in self._hand_on:
+            self.handed_on.append(frame)
         if frame.kind is FrameKind.ERROR:
             self.is_bus_off |= bool(frame.can_id & ERROR_BUS_OFF)
         elif frame.kind is FrameKind.EXTENDED:
             self.foreign.append(item)  # the number may fit, the identifier does not
-        elif check is not None:
-            check.judge(None)
+        elif wanted is not None:
+            wanted.check.judge(None)
             self._ignore(item, FrameFault.KIND)
         elif frame.can_id in self._own or frame.can_id not in SPECS:
             self.foreign.append(item)
 
     def _judge(
-        self, item: ReceivedFrame, check: AliveCheck, decoded: Decoded | FrameFault
+        self, item: ReceivedFrame, wanted: Subscription, decoded: Decoded | FrameFault
     ) -> Message | None:
         """What the fast path did not settle: faults, and counters out of sequence."""
         if isinstance(decoded, FrameFault):
-            check.judge(None)
+            wanted.check.judge(None)
             self._ignore(item, decoded)
             return None
-        can_id = item.frame.can_id
-        state = check.judge(decoded.counter)
+        state = wanted.check.judge(decoded.counter)
         if state is AliveState.REPEATED:
             self._ignore(item, FrameFault.REPEATED)
             return None
-        if state not in USABLE and can_id not in STOPPING_IDS:
-            if can_id in self.latest:  # a first frame is nobody's fault
+        if state not in USABLE and wanted.can_id not in STOPPING_IDS:
+            if wanted.newest is not None:  # a first frame is nobody's fault
                 self._ignore(item, FrameFault.SEQUENCE)
             return None
         self.lost += state is AliveState.LOST_ONE
-        return Message(can_id, item.arrival_ns, decoded.message)
+        return Message(wanted.can_id, item.arrival_ns, decoded.message)
 
     def _ignore(self, item: ReceivedFrame, fault: FrameFault) -> None:
         self.counts[fault] += 1
         self.bad.append(BadFrame(item.arrival_ns, item.frame, fault))
 
     def frame(self, name: str, message: Any) -> Frame:
-        """The next frame of one of our own messages, its counter advanced."""
-        spec = SPEC_OF_NAME[name]
-        counter = self._counters[spec.can_id]
+        """The next frame of one of our own messages, its counter advanced.
+
+        A node that sends the very same object again saves the packing."""
+        sent = self._sent[name]
+        spec, counter = sent.spec, sent.counter
+        if message is not sent.message:
+            sent.bits = spec.pack(message)
+            sent.message = message
         if spec.data_id is not None:
-            self._counters[spec.can_id] = (counter + 1) % COUNTER_MODULO
-        return encode(spec, message, counter)
+            sent.counter = (counter + 1) % COUNTER_MODULO
+        return encode_bits(spec, sent.bits, counter)
+
+    def subscription(self, name: str) -> Subscription:
+        """What is known of one message; for those who ask every step."""
+        return self._of_name[name]
+
+    def are_fresh(self, names: Iterable[str], now_ns: int) -> bool:
+        """Whether each of these messages has come within its time-out."""
+        return False not in [self._of_name[name].is_fresh(now_ns) for name in names]
 
     def newest(self, name: str) -> Message | None:
         """The newest believable message, however old; None before the first."""
-        return self.latest.get(ID_OF_NAME[name])
+        return self._of_name[name].newest
 
     def get(self, name: str, kind: type[MessageT]) -> MessageT | None:
         """The newest believable content of a message, however old; None before the first."""
-        message = self.latest.get(ID_OF_NAME[name])
+        message = self._of_name[name].newest
         if message is None:
             return None
-        content = message[2]
+        content = message.content
         assert isinstance(content, kind)
         return content
 
     def age_ns(self, name: str, now_ns: int) -> int | None:
         """Time since the newest believable frame of a message; None before the first."""
-        message = self.latest.get(ID_OF_NAME[name])
-        return None if message is None else now_ns - message[1]
+        message = self._of_name[name].newest
+        return None if message is None else now_ns - message.arrival_ns
 
     def is_fresh(self, name: str, now_ns: int) -> bool:
         """Whether a message has come within the DBC's time-out."""
-        message = self.latest.get(ID_OF_NAME[name])
-        return message is not None and now_ns - message[1] <= TIMEOUT_NS_OF_NAME[name]
+        return self._of_name[name].is_fresh(now_ns)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from dbc.spec import NAN, MessageSpec, SignalRangeError
 
@@ -17,17 +18,26 @@ class RelayCoil(IntEnum):
     CLOSE = 2
 
 
-_RELAY_COIL = {member.value: member for member in RelayCoil}
+_RELAY_COIL: Final = {member.value: member for member in RelayCoil}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SteeringActuatorWire:
     """Steering motor driver; its 50 ms watchdog opens the outputs."""
 
-    motor_duty_ratio: float
+    motor_duty_ratio: Final[float]
     """Motor duty, positive turns left."""
-    motor_enabled: bool
+    motor_enabled: Final[bool]
     """0: driver outputs open, the motor coasts."""
+
+    def __init__(
+        self,
+        *,
+        motor_duty_ratio: float,
+        motor_enabled: bool,
+    ) -> None:
+        self.motor_duty_ratio = motor_duty_ratio
+        self.motor_enabled = motor_enabled
 
 
 def _pack_steering_actuator_wire(message: SteeringActuatorWire) -> int:
@@ -37,7 +47,8 @@ def _pack_steering_actuator_wire(message: SteeringActuatorWire) -> int:
         bits |= round(x / 0.0001) & 0xFFFF
     else:
         raise SignalRangeError("SteeringActuatorWire.motor_duty_ratio", x, -1, 1, "1")
-    bits |= int(message.motor_enabled) << 16
+    if message.motor_enabled:
+        bits |= 0x10000
     return bits
 
 
@@ -48,21 +59,30 @@ def _unpack_steering_actuator_wire(bits: int) -> SteeringActuatorWire:
     motor_duty_ratio = r * 0.0001
     if not -1 <= motor_duty_ratio <= 1:
         raise SignalRangeError("SteeringActuatorWire.motor_duty_ratio", motor_duty_ratio, -1, 1, "1")
-    motor_enabled = bits >> 16 & 1 == 1
+    motor_enabled = bits & 0x10000 != 0
     return SteeringActuatorWire(
         motor_duty_ratio=motor_duty_ratio,
         motor_enabled=motor_enabled,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ThrottleActuatorWire:
     """Traction motor controller's analogue inputs; 50 ms watchdog to 0.5 V."""
 
-    throttle_dac_code: int
+    throttle_dac_code: Final[int]
     """12-bit DAC at 5 V: 410 idle, 3686 full."""
-    regen_dac_code: int
+    regen_dac_code: Final[int]
     """12-bit DAC at 5 V: 410 none, 3686 full."""
+
+    def __init__(
+        self,
+        *,
+        throttle_dac_code: int,
+        regen_dac_code: int,
+    ) -> None:
+        self.throttle_dac_code = throttle_dac_code
+        self.regen_dac_code = regen_dac_code
 
 
 def _pack_throttle_actuator_wire(message: ThrottleActuatorWire) -> int:
@@ -91,12 +111,21 @@ def _unpack_throttle_actuator_wire(bits: int) -> ThrottleActuatorWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeActuatorWire:
     """Brake servo; 50 ms watchdog applies it while the automatic relay is closed."""
 
-    servo_position_ratio: float
-    servo_powered: bool
+    servo_position_ratio: Final[float]
+    servo_powered: Final[bool]
+
+    def __init__(
+        self,
+        *,
+        servo_position_ratio: float,
+        servo_powered: bool,
+    ) -> None:
+        self.servo_position_ratio = servo_position_ratio
+        self.servo_powered = servo_powered
 
 
 def _pack_brake_actuator_wire(message: BrakeActuatorWire) -> int:
@@ -106,7 +135,8 @@ def _pack_brake_actuator_wire(message: BrakeActuatorWire) -> int:
         bits |= round(x / 0.0001) & 0xFFFF
     else:
         raise SignalRangeError("BrakeActuatorWire.servo_position_ratio", x, 0, 1, "1")
-    bits |= int(message.servo_powered) << 16
+    if message.servo_powered:
+        bits |= 0x10000
     return bits
 
 
@@ -115,23 +145,30 @@ def _unpack_brake_actuator_wire(bits: int) -> BrakeActuatorWire:
     servo_position_ratio = r * 0.0001
     if not 0 <= servo_position_ratio <= 1:
         raise SignalRangeError("BrakeActuatorWire.servo_position_ratio", servo_position_ratio, 0, 1, "1")
-    servo_powered = bits >> 16 & 1 == 1
+    servo_powered = bits & 0x10000 != 0
     return BrakeActuatorWire(
         servo_position_ratio=servo_position_ratio,
         servo_powered=servo_powered,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SupervisorActuatorWire:
     """Pulses of the latching manual/automatic relay."""
 
-    relay_coil: RelayCoil
+    relay_coil: Final[RelayCoil]
+
+    def __init__(
+        self,
+        *,
+        relay_coil: RelayCoil,
+    ) -> None:
+        self.relay_coil = relay_coil
 
 
 def _pack_supervisor_actuator_wire(message: SupervisorActuatorWire) -> int:
     bits = 0
-    bits |= int(message.relay_coil)
+    bits |= message.relay_coil
     return bits
 
 
@@ -142,16 +179,27 @@ def _unpack_supervisor_actuator_wire(bits: int) -> SupervisorActuatorWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SteeringSensorsWire:
     """Steering ECU's inputs."""
 
-    column_angle_rad: float
+    column_angle_rad: Final[float]
     """Absolute angle sensor. NaN: not available."""
-    driver_torque_nm: float
+    driver_torque_nm: Final[float]
     """Torsion-bar sensor. NaN: not available."""
-    motor_fault: bool
+    motor_fault: Final[bool]
     """Motor driver's fault line."""
+
+    def __init__(
+        self,
+        *,
+        column_angle_rad: float,
+        driver_torque_nm: float,
+        motor_fault: bool,
+    ) -> None:
+        self.column_angle_rad = column_angle_rad
+        self.driver_torque_nm = driver_torque_nm
+        self.motor_fault = motor_fault
 
 
 def _pack_steering_sensors_wire(message: SteeringSensorsWire) -> int:
@@ -170,7 +218,8 @@ def _pack_steering_sensors_wire(message: SteeringSensorsWire) -> int:
         bits |= (round(x / 0.002) & 0xFFFF) << 24
     else:
         raise SignalRangeError("SteeringSensorsWire.driver_torque_nm", x, -65, 65, "N.m")
-    bits |= int(message.motor_fault) << 40
+    if message.motor_fault:
+        bits |= 0x10000000000
     return bits
 
 
@@ -193,7 +242,7 @@ def _unpack_steering_sensors_wire(bits: int) -> SteeringSensorsWire:
         driver_torque_nm = r * 0.002
         if not -65 <= driver_torque_nm <= 65:
             raise SignalRangeError("SteeringSensorsWire.driver_torque_nm", driver_torque_nm, -65, 65, "N.m")
-    motor_fault = bits >> 40 & 1 == 1
+    motor_fault = bits & 0x10000000000 != 0
     return SteeringSensorsWire(
         column_angle_rad=column_angle_rad,
         driver_torque_nm=driver_torque_nm,
@@ -201,16 +250,27 @@ def _unpack_steering_sensors_wire(bits: int) -> SteeringSensorsWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ThrottleSensorsWire:
     """Throttle ECU's inputs."""
 
-    encoder_count: int
+    encoder_count: Final[int]
     """Edges since power-on, signed."""
-    encoder_edge_age_s: float
+    encoder_edge_age_s: Final[float]
     """Time since the latest edge, saturates."""
-    pedal_ratio: float
+    pedal_ratio: Final[float]
     """NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        encoder_count: int,
+        encoder_edge_age_s: float,
+        pedal_ratio: float,
+    ) -> None:
+        self.encoder_count = encoder_count
+        self.encoder_edge_age_s = encoder_edge_age_s
+        self.pedal_ratio = pedal_ratio
 
 
 def _pack_throttle_sensors_wire(message: ThrottleSensorsWire) -> int:
@@ -256,14 +316,23 @@ def _unpack_throttle_sensors_wire(bits: int) -> ThrottleSensorsWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeEncoderWire:
     """Brake ECU's rear-wheel encoder."""
 
-    wheel_count: int
+    wheel_count: Final[int]
     """Edges since power-on, signed."""
-    wheel_edge_age_s: float
+    wheel_edge_age_s: Final[float]
     """Time since the latest edge, saturates."""
+
+    def __init__(
+        self,
+        *,
+        wheel_count: int,
+        wheel_edge_age_s: float,
+    ) -> None:
+        self.wheel_count = wheel_count
+        self.wheel_edge_age_s = wheel_edge_age_s
 
 
 def _pack_brake_encoder_wire(message: BrakeEncoderWire) -> int:
@@ -294,14 +363,23 @@ def _unpack_brake_encoder_wire(bits: int) -> BrakeEncoderWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeSensorsWire:
     """Brake ECU's inputs."""
 
-    servo_position_ratio: float
+    servo_position_ratio: Final[float]
     """NaN: not available."""
-    pedal_ratio: float
+    pedal_ratio: Final[float]
     """NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        servo_position_ratio: float,
+        pedal_ratio: float,
+    ) -> None:
+        self.servo_position_ratio = servo_position_ratio
+        self.pedal_ratio = pedal_ratio
 
 
 def _pack_brake_sensors_wire(message: BrakeSensorsWire) -> int:
@@ -344,30 +422,44 @@ def _unpack_brake_sensors_wire(bits: int) -> BrakeSensorsWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SupervisorSensorsWire:
     """Panel inputs, also read by the safety monitor."""
 
-    button_pressed: bool
+    button_pressed: Final[bool]
     """Auto/Manual button."""
-    emergency_stop_pressed: bool
+    emergency_stop_pressed: Final[bool]
     """Emergency-stop line."""
-    automatic_relay_closed: bool
+    automatic_relay_closed: Final[bool]
     """Auxiliary contact of the latching manual/automatic relay."""
+
+    def __init__(
+        self,
+        *,
+        button_pressed: bool,
+        emergency_stop_pressed: bool,
+        automatic_relay_closed: bool,
+    ) -> None:
+        self.button_pressed = button_pressed
+        self.emergency_stop_pressed = emergency_stop_pressed
+        self.automatic_relay_closed = automatic_relay_closed
 
 
 def _pack_supervisor_sensors_wire(message: SupervisorSensorsWire) -> int:
     bits = 0
-    bits |= int(message.button_pressed)
-    bits |= int(message.emergency_stop_pressed) << 1
-    bits |= int(message.automatic_relay_closed) << 2
+    if message.button_pressed:
+        bits |= 0x1
+    if message.emergency_stop_pressed:
+        bits |= 0x2
+    if message.automatic_relay_closed:
+        bits |= 0x4
     return bits
 
 
 def _unpack_supervisor_sensors_wire(bits: int) -> SupervisorSensorsWire:
-    button_pressed = bits & 1 == 1
-    emergency_stop_pressed = bits >> 1 & 1 == 1
-    automatic_relay_closed = bits >> 2 & 1 == 1
+    button_pressed = bits & 0x1 != 0
+    emergency_stop_pressed = bits & 0x2 != 0
+    automatic_relay_closed = bits & 0x4 != 0
     return SupervisorSensorsWire(
         button_pressed=button_pressed,
         emergency_stop_pressed=emergency_stop_pressed,
@@ -375,15 +467,30 @@ def _unpack_supervisor_sensors_wire(bits: int) -> SupervisorSensorsWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class DriverHandsWire:
     """What the person in the simulated car does."""
 
-    steering_torque_nm: float
-    throttle_pedal_ratio: float
-    brake_pedal_ratio: float
-    button_pressed: bool
-    emergency_stop_pressed: bool
+    steering_torque_nm: Final[float]
+    throttle_pedal_ratio: Final[float]
+    brake_pedal_ratio: Final[float]
+    button_pressed: Final[bool]
+    emergency_stop_pressed: Final[bool]
+
+    def __init__(
+        self,
+        *,
+        steering_torque_nm: float,
+        throttle_pedal_ratio: float,
+        brake_pedal_ratio: float,
+        button_pressed: bool,
+        emergency_stop_pressed: bool,
+    ) -> None:
+        self.steering_torque_nm = steering_torque_nm
+        self.throttle_pedal_ratio = throttle_pedal_ratio
+        self.brake_pedal_ratio = brake_pedal_ratio
+        self.button_pressed = button_pressed
+        self.emergency_stop_pressed = emergency_stop_pressed
 
 
 def _pack_driver_hands_wire(message: DriverHandsWire) -> int:
@@ -403,8 +510,10 @@ def _pack_driver_hands_wire(message: DriverHandsWire) -> int:
         bits |= (round(x / 0.0005) & 0xFFF) << 28
     else:
         raise SignalRangeError("DriverHandsWire.brake_pedal_ratio", x, 0, 1, "1")
-    bits |= int(message.button_pressed) << 40
-    bits |= int(message.emergency_stop_pressed) << 41
+    if message.button_pressed:
+        bits |= 0x10000000000
+    if message.emergency_stop_pressed:
+        bits |= 0x20000000000
     return bits
 
 
@@ -423,8 +532,8 @@ def _unpack_driver_hands_wire(bits: int) -> DriverHandsWire:
     brake_pedal_ratio = r * 0.0005
     if not 0 <= brake_pedal_ratio <= 1:
         raise SignalRangeError("DriverHandsWire.brake_pedal_ratio", brake_pedal_ratio, 0, 1, "1")
-    button_pressed = bits >> 40 & 1 == 1
-    emergency_stop_pressed = bits >> 41 & 1 == 1
+    button_pressed = bits & 0x10000000000 != 0
+    emergency_stop_pressed = bits & 0x20000000000 != 0
     return DriverHandsWire(
         steering_torque_nm=steering_torque_nm,
         throttle_pedal_ratio=throttle_pedal_ratio,
@@ -434,12 +543,21 @@ def _unpack_driver_hands_wire(bits: int) -> DriverHandsWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class PlantPositionWire:
     """True position of the rear axle's centre."""
 
-    x_m: float
-    y_m: float
+    x_m: Final[float]
+    y_m: Final[float]
+
+    def __init__(
+        self,
+        *,
+        x_m: float,
+        y_m: float,
+    ) -> None:
+        self.x_m = x_m
+        self.y_m = y_m
 
 
 def _pack_plant_position_wire(message: PlantPositionWire) -> int:
@@ -476,13 +594,24 @@ def _unpack_plant_position_wire(bits: int) -> PlantPositionWire:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class PlantMotionWire:
     """True heading and motion."""
 
-    heading_rad: float
-    speed_mps: float
-    yaw_rate_radps: float
+    heading_rad: Final[float]
+    speed_mps: Final[float]
+    yaw_rate_radps: Final[float]
+
+    def __init__(
+        self,
+        *,
+        heading_rad: float,
+        speed_mps: float,
+        yaw_rate_radps: float,
+    ) -> None:
+        self.heading_rad = heading_rad
+        self.speed_mps = speed_mps
+        self.yaw_rate_radps = yaw_rate_radps
 
 
 def _pack_plant_motion_wire(message: PlantMotionWire) -> int:
@@ -531,7 +660,7 @@ def _unpack_plant_motion_wire(bits: int) -> PlantMotionWire:
     )
 
 
-SPECS: dict[int, MessageSpec] = {
+SPECS: Final[dict[int, MessageSpec]] = {
     0x102: MessageSpec(
         can_id=0x102,
         name="STEERING_ACTUATOR",

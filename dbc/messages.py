@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from dbc.spec import NAN, MessageSpec, SignalRangeError
 
@@ -19,7 +20,7 @@ class NmtCommand(IntEnum):
     RESET_COMMUNICATION = 130
 
 
-_NMT_COMMAND = {member.value: member for member in NmtCommand}
+_NMT_COMMAND: Final = {member.value: member for member in NmtCommand}
 
 
 class ErrorCode(IntEnum):
@@ -35,7 +36,7 @@ class ErrorCode(IntEnum):
     NONE = 15
 
 
-_ERROR_CODE = {member.value: member for member in ErrorCode}
+_ERROR_CODE: Final = {member.value: member for member in ErrorCode}
 
 
 class Reason(IntEnum):
@@ -67,7 +68,7 @@ class Reason(IntEnum):
     BRAKING_IN_PROGRESS = 23
 
 
-_REASON = {member.value: member for member in Reason}
+_REASON: Final = {member.value: member for member in Reason}
 
 
 class Mode(IntEnum):
@@ -81,7 +82,7 @@ class Mode(IntEnum):
     EMERGENCY = 5
 
 
-_MODE = {member.value: member for member in Mode}
+_MODE: Final = {member.value: member for member in Mode}
 
 
 class Inhibit(IntEnum):
@@ -119,7 +120,7 @@ class Inhibit(IntEnum):
     NODE_UNHEALTHY = 29
 
 
-_INHIBIT = {member.value: member for member in Inhibit}
+_INHIBIT: Final = {member.value: member for member in Inhibit}
 
 
 class Verdict(IntEnum):
@@ -130,7 +131,7 @@ class Verdict(IntEnum):
     BRAKE = 2
 
 
-_VERDICT = {member.value: member for member in Verdict}
+_VERDICT: Final = {member.value: member for member in Verdict}
 
 
 class MonitorReason(IntEnum):
@@ -161,7 +162,7 @@ class MonitorReason(IntEnum):
     ERROR_REPORTED = 22
 
 
-_MONITOR_REASON = {member.value: member for member in MonitorReason}
+_MONITOR_REASON: Final = {member.value: member for member in MonitorReason}
 
 
 class Request(IntEnum):
@@ -174,7 +175,7 @@ class Request(IntEnum):
     EMERGENCY_STOP = 4
 
 
-_REQUEST = {member.value: member for member in Request}
+_REQUEST: Final = {member.value: member for member in Request}
 
 
 class NodeState(IntEnum):
@@ -187,7 +188,7 @@ class NodeState(IntEnum):
     EMERGENCY = 4
 
 
-_NODE_STATE = {member.value: member for member in NodeState}
+_NODE_STATE: Final = {member.value: member for member in NodeState}
 
 
 class HeartbeatState(IntEnum):
@@ -199,21 +200,30 @@ class HeartbeatState(IntEnum):
     PRE_OPERATIONAL = 127
 
 
-_HEARTBEAT_STATE = {member.value: member for member in HeartbeatState}
+_HEARTBEAT_STATE: Final = {member.value: member for member in HeartbeatState}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Nmt:
     """CANopen network management (CiA 301). The supervisor is the only master."""
 
-    command: NmtCommand
-    node_id: int
+    command: Final[NmtCommand]
+    node_id: Final[int]
     """0 addresses all nodes."""
+
+    def __init__(
+        self,
+        *,
+        command: NmtCommand,
+        node_id: int,
+    ) -> None:
+        self.command = command
+        self.node_id = node_id
 
 
 def _pack_nmt(message: Nmt) -> int:
     bits = 0
-    bits |= int(message.command)
+    bits |= message.command
     n = message.node_id
     if 0 <= n <= 127:
         bits |= (round(n) & 0xFF) << 8
@@ -234,7 +244,7 @@ def _unpack_nmt(bits: int) -> Nmt:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Failsafe:
     """Global fail-safe command (EN 50325-5), no data: identical whoever sends it, so senders cannot collide. Obeyed by all."""
 
@@ -248,23 +258,36 @@ def _unpack_failsafe(bits: int) -> Failsafe:
     return Failsafe()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class EmergencyBrake:
     """Emergency brake wanted by this node: at once, then every 10 ms until SUPERVISOR_STATE acknowledges it."""
 
-    code: ErrorCode
-    reason: Reason
+    code: Final[ErrorCode]
+    reason: Final[Reason]
     """What was seen first."""
-    cause_age_ms: int
+    cause_age_ms: Final[int]
     """Age of the cause when this frame was built; saturates."""
-    reset_epoch: int
+    reset_epoch: Final[int]
     """Reset epoch this latch belongs to."""
+
+    def __init__(
+        self,
+        *,
+        code: ErrorCode,
+        reason: Reason,
+        cause_age_ms: int,
+        reset_epoch: int,
+    ) -> None:
+        self.code = code
+        self.reason = reason
+        self.cause_age_ms = cause_age_ms
+        self.reset_epoch = reset_epoch
 
 
 def _pack_emergency_brake(message: EmergencyBrake) -> int:
     bits = 0
-    bits |= int(message.code) << 32
-    bits |= int(message.reason) << 36
+    bits |= message.code << 32
+    bits |= message.reason << 36
     n = message.cause_age_ms
     if 0 <= n <= 65535:
         bits |= (round(n) & 0xFFFF) << 44
@@ -293,18 +316,33 @@ def _unpack_emergency_brake(bits: int) -> EmergencyBrake:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Emcy:
     """CANopen emergency object: carries ER0-ER6, with an inhibit time."""
 
-    error_code: int
+    error_code: Final[int]
     """CiA 301 emergency error code; 0xFF00 + n for ERn (device specific), 0 = error reset."""
-    error_register: int
+    error_register: Final[int]
     """CiA 301 object 0x1001."""
-    er_code: ErrorCode
-    reason: Reason
-    er_bits: int
+    er_code: Final[ErrorCode]
+    reason: Final[Reason]
+    er_bits: Final[int]
     """Bit n set: ERn latched."""
+
+    def __init__(
+        self,
+        *,
+        error_code: int,
+        error_register: int,
+        er_code: ErrorCode,
+        reason: Reason,
+        er_bits: int,
+    ) -> None:
+        self.error_code = error_code
+        self.error_register = error_register
+        self.er_code = er_code
+        self.reason = reason
+        self.er_bits = er_bits
 
 
 def _pack_emcy(message: Emcy) -> int:
@@ -319,8 +357,8 @@ def _pack_emcy(message: Emcy) -> int:
         bits |= (round(n) & 0xFF) << 16
     else:
         raise SignalRangeError("Emcy.error_register", n, 0, 255, "")
-    bits |= int(message.er_code) << 24
-    bits |= int(message.reason) << 32
+    bits |= message.er_code << 24
+    bits |= message.reason << 32
     n = message.er_bits
     if 0 <= n <= 255:
         bits |= (round(n) & 0xFF) << 40
@@ -347,49 +385,92 @@ def _unpack_emcy(bits: int) -> Emcy:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SupervisorState:
     """Driving mode, authorisation per axis, latched codes, reset epoch, decision-age limit."""
 
-    mode: Mode
-    steering_authorised: bool
-    throttle_authorised: bool
-    brake_authorised: bool
-    er0: bool
+    mode: Final[Mode]
+    steering_authorised: Final[bool]
+    throttle_authorised: Final[bool]
+    brake_authorised: Final[bool]
+    er0: Final[bool]
     """ER0: a frame of ours with wrong length, kind, counter or CRC was ignored."""
-    er1: bool
+    er1: Final[bool]
     """ER1: emergency-brake condition present."""
-    er2: bool
+    er2: Final[bool]
     """ER2: watchdog: late, overrunning, or frames missing."""
-    er3: bool
+    er3: Final[bool]
     """ER3: brake servo on for too long."""
-    er4: bool
+    er4: Final[bool]
     """ER4: steering motor driver reports a fault."""
-    er5: bool
+    er5: Final[bool]
     """ER5: no valid fresh command in time."""
-    er6: bool
+    er6: Final[bool]
     """ER6: steering sensor out of bounds."""
-    reset_epoch: int
+    reset_epoch: Final[int]
     """Raised by one at every reset; originators unlatch on it."""
-    decision_age_ms_max: float
+    decision_age_ms_max: Final[float]
     """Decision-age limit in force; frozen in AUTOMATIC."""
-    inhibit: Inhibit
+    inhibit: Final[Inhibit]
     """Why the car is not in AUTOMATIC."""
+
+    def __init__(
+        self,
+        *,
+        mode: Mode,
+        steering_authorised: bool,
+        throttle_authorised: bool,
+        brake_authorised: bool,
+        er0: bool,
+        er1: bool,
+        er2: bool,
+        er3: bool,
+        er4: bool,
+        er5: bool,
+        er6: bool,
+        reset_epoch: int,
+        decision_age_ms_max: float,
+        inhibit: Inhibit,
+    ) -> None:
+        self.mode = mode
+        self.steering_authorised = steering_authorised
+        self.throttle_authorised = throttle_authorised
+        self.brake_authorised = brake_authorised
+        self.er0 = er0
+        self.er1 = er1
+        self.er2 = er2
+        self.er3 = er3
+        self.er4 = er4
+        self.er5 = er5
+        self.er6 = er6
+        self.reset_epoch = reset_epoch
+        self.decision_age_ms_max = decision_age_ms_max
+        self.inhibit = inhibit
 
 
 def _pack_supervisor_state(message: SupervisorState) -> int:
     bits = 0
-    bits |= int(message.mode) << 32
-    bits |= int(message.steering_authorised) << 35
-    bits |= int(message.throttle_authorised) << 36
-    bits |= int(message.brake_authorised) << 37
-    bits |= int(message.er0) << 38
-    bits |= int(message.er1) << 39
-    bits |= int(message.er2) << 40
-    bits |= int(message.er3) << 41
-    bits |= int(message.er4) << 42
-    bits |= int(message.er5) << 43
-    bits |= int(message.er6) << 44
+    bits |= message.mode << 32
+    if message.steering_authorised:
+        bits |= 0x800000000
+    if message.throttle_authorised:
+        bits |= 0x1000000000
+    if message.brake_authorised:
+        bits |= 0x2000000000
+    if message.er0:
+        bits |= 0x4000000000
+    if message.er1:
+        bits |= 0x8000000000
+    if message.er2:
+        bits |= 0x10000000000
+    if message.er3:
+        bits |= 0x20000000000
+    if message.er4:
+        bits |= 0x40000000000
+    if message.er5:
+        bits |= 0x80000000000
+    if message.er6:
+        bits |= 0x100000000000
     n = message.reset_epoch
     if 0 <= n <= 15:
         bits |= (round(n) & 0xF) << 45
@@ -400,22 +481,22 @@ def _pack_supervisor_state(message: SupervisorState) -> int:
         bits |= (round(x / 5) & 0xFF) << 49
     else:
         raise SignalRangeError("SupervisorState.decision_age_ms_max", x, 0, 1270, "ms")
-    bits |= int(message.inhibit) << 57
+    bits |= message.inhibit << 57
     return bits
 
 
 def _unpack_supervisor_state(bits: int) -> SupervisorState:
     mode = _MODE[bits >> 32 & 0x7]
-    steering_authorised = bits >> 35 & 1 == 1
-    throttle_authorised = bits >> 36 & 1 == 1
-    brake_authorised = bits >> 37 & 1 == 1
-    er0 = bits >> 38 & 1 == 1
-    er1 = bits >> 39 & 1 == 1
-    er2 = bits >> 40 & 1 == 1
-    er3 = bits >> 41 & 1 == 1
-    er4 = bits >> 42 & 1 == 1
-    er5 = bits >> 43 & 1 == 1
-    er6 = bits >> 44 & 1 == 1
+    steering_authorised = bits & 0x800000000 != 0
+    throttle_authorised = bits & 0x1000000000 != 0
+    brake_authorised = bits & 0x2000000000 != 0
+    er0 = bits & 0x4000000000 != 0
+    er1 = bits & 0x8000000000 != 0
+    er2 = bits & 0x10000000000 != 0
+    er3 = bits & 0x20000000000 != 0
+    er4 = bits & 0x40000000000 != 0
+    er5 = bits & 0x80000000000 != 0
+    er6 = bits & 0x100000000000 != 0
     r = bits >> 45 & 0xF
     reset_epoch = r
     r = bits >> 49 & 0xFF
@@ -441,14 +522,23 @@ def _unpack_supervisor_state(bits: int) -> SupervisorState:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SteerStatus:
     """Steering: measured value and echo."""
 
-    steering_wheel_angle_rad: float
+    steering_wheel_angle_rad: Final[float]
     """Measured steering-wheel angle, positive left. NaN: not available."""
-    applied_steering_wheel_angle_rad: float
+    applied_steering_wheel_angle_rad: Final[float]
     """Setpoint in force after limits: the echo; not available when released. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        steering_wheel_angle_rad: float,
+        applied_steering_wheel_angle_rad: float,
+    ) -> None:
+        self.steering_wheel_angle_rad = steering_wheel_angle_rad
+        self.applied_steering_wheel_angle_rad = applied_steering_wheel_angle_rad
 
 
 def _pack_steer_status(message: SteerStatus) -> int:
@@ -495,14 +585,23 @@ def _unpack_steer_status(bits: int) -> SteerStatus:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ThrottleStatus:
     """Throttle: measured value and echo."""
 
-    wheel_speed_radps: float
+    wheel_speed_radps: Final[float]
     """Measured driven-wheel speed. NaN: not available."""
-    applied_wheel_speed_radps: float
+    applied_wheel_speed_radps: Final[float]
     """Setpoint in force after limits; not available when released. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        wheel_speed_radps: float,
+        applied_wheel_speed_radps: float,
+    ) -> None:
+        self.wheel_speed_radps = wheel_speed_radps
+        self.applied_wheel_speed_radps = applied_wheel_speed_radps
 
 
 def _pack_throttle_status(message: ThrottleStatus) -> int:
@@ -549,16 +648,27 @@ def _unpack_throttle_status(bits: int) -> ThrottleStatus:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeStatus:
     """Brake servo: measured value, echo, and the rear wheel's speed."""
 
-    servo_position_ratio: float
+    servo_position_ratio: Final[float]
     """Measured servo position, 0 released, 1 full. NaN: not available."""
-    applied_position_ratio: float
+    applied_position_ratio: Final[float]
     """Setpoint in force; not available when released. NaN: not available."""
-    rear_wheel_speed_radps: float
+    rear_wheel_speed_radps: Final[float]
     """Rear wheel speed, measured apart from the driven wheels. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        servo_position_ratio: float,
+        applied_position_ratio: float,
+        rear_wheel_speed_radps: float,
+    ) -> None:
+        self.servo_position_ratio = servo_position_ratio
+        self.applied_position_ratio = applied_position_ratio
+        self.rear_wheel_speed_radps = rear_wheel_speed_radps
 
 
 def _pack_brake_status(message: BrakeStatus) -> int:
@@ -618,22 +728,35 @@ def _unpack_brake_status(bits: int) -> BrakeStatus:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SafetyVerdict:
     """The safety monitor's veto."""
 
-    verdict: Verdict
-    reason: MonitorReason
-    identifier: int
+    verdict: Final[Verdict]
+    reason: Final[MonitorReason]
+    identifier: Final[int]
     """The frame the reason is about, 0 when none."""
-    value: int
+    value: Final[int]
     """What was measured, in thousandths of its limit; saturates."""
+
+    def __init__(
+        self,
+        *,
+        verdict: Verdict,
+        reason: MonitorReason,
+        identifier: int,
+        value: int,
+    ) -> None:
+        self.verdict = verdict
+        self.reason = reason
+        self.identifier = identifier
+        self.value = value
 
 
 def _pack_safety_verdict(message: SafetyVerdict) -> int:
     bits = 0
-    bits |= int(message.verdict) << 32
-    bits |= int(message.reason) << 34
+    bits |= message.verdict << 32
+    bits |= message.reason << 34
     n = message.identifier
     if 0 <= n <= 2047:
         bits |= (round(n) & 0x7FF) << 40
@@ -664,20 +787,31 @@ def _unpack_safety_verdict(bits: int) -> SafetyVerdict:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ModeRequest:
     """Mode request, every 20 ms while pending."""
 
-    request: Request
-    planner_period_ms: int
+    request: Final[Request]
+    planner_period_ms: Final[int]
     """Period the planner promises; the decision-age limit follows from it."""
-    sequence: int
+    sequence: Final[int]
     """Changes with every new request of the planner: a repeated frame is not a second request."""
+
+    def __init__(
+        self,
+        *,
+        request: Request,
+        planner_period_ms: int,
+        sequence: int,
+    ) -> None:
+        self.request = request
+        self.planner_period_ms = planner_period_ms
+        self.sequence = sequence
 
 
 def _pack_mode_request(message: ModeRequest) -> int:
     bits = 0
-    bits |= int(message.request) << 32
+    bits |= message.request << 32
     n = message.planner_period_ms
     if 0 <= n <= 1023:
         bits |= (round(n) & 0x3FF) << 36
@@ -704,14 +838,23 @@ def _unpack_mode_request(bits: int) -> ModeRequest:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SteerCommand:
     """Steering setpoint: when the planner decides, at least every 20 ms."""
 
-    steering_wheel_angle_rad: float
+    steering_wheel_angle_rad: Final[float]
     """Steering-wheel angle setpoint, positive left. NaN: not available."""
-    decision_age_ms: float
+    decision_age_ms: Final[float]
     """Age of the planner's decision when this frame was built, rounded up; never refreshed by the gateway. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        steering_wheel_angle_rad: float,
+        decision_age_ms: float,
+    ) -> None:
+        self.steering_wheel_angle_rad = steering_wheel_angle_rad
+        self.decision_age_ms = decision_age_ms
 
 
 def _pack_steer_command(message: SteerCommand) -> int:
@@ -751,14 +894,23 @@ def _unpack_steer_command(bits: int) -> SteerCommand:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ThrottleCommand:
     """Speed setpoint: when the planner decides, at least every 20 ms."""
 
-    wheel_speed_radps: float
+    wheel_speed_radps: Final[float]
     """Driven-wheel speed setpoint. NaN: not available."""
-    decision_age_ms: float
+    decision_age_ms: Final[float]
     """Age of the planner's decision when this frame was built, rounded up; never refreshed by the gateway. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        wheel_speed_radps: float,
+        decision_age_ms: float,
+    ) -> None:
+        self.wheel_speed_radps = wheel_speed_radps
+        self.decision_age_ms = decision_age_ms
 
 
 def _pack_throttle_command(message: ThrottleCommand) -> int:
@@ -798,14 +950,23 @@ def _unpack_throttle_command(bits: int) -> ThrottleCommand:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeCommand:
     """Brake setpoint: when the planner decides, at least every 20 ms."""
 
-    position_ratio: float
+    position_ratio: Final[float]
     """Servo position setpoint. NaN: not available."""
-    decision_age_ms: float
+    decision_age_ms: Final[float]
     """Age of the planner's decision when this frame was built, rounded up; never refreshed by the gateway. NaN: not available."""
+
+    def __init__(
+        self,
+        *,
+        position_ratio: float,
+        decision_age_ms: float,
+    ) -> None:
+        self.position_ratio = position_ratio
+        self.decision_age_ms = decision_age_ms
 
 
 def _pack_brake_command(message: BrakeCommand) -> int:
@@ -843,31 +1004,58 @@ def _unpack_brake_command(bits: int) -> BrakeCommand:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SteerDriver:
     """Driver input, node state and codes; at once on change."""
 
-    torque_nm: float
+    torque_nm: Final[float]
     """Driver's torque on the steering wheel, less inertia. NaN: not available."""
-    driver_active: bool
+    driver_active: Final[bool]
     """Driver input above the hand-over threshold for the debounce time."""
-    node_state: NodeState
-    er0: bool
+    node_state: Final[NodeState]
+    er0: Final[bool]
     """ER0: a frame of ours with wrong length, kind, counter or CRC was ignored."""
-    er1: bool
+    er1: Final[bool]
     """ER1: emergency-brake condition present."""
-    er2: bool
+    er2: Final[bool]
     """ER2: watchdog: late, overrunning, or frames missing."""
-    er3: bool
+    er3: Final[bool]
     """ER3: brake servo on for too long."""
-    er4: bool
+    er4: Final[bool]
     """ER4: steering motor driver reports a fault."""
-    er5: bool
+    er5: Final[bool]
     """ER5: no valid fresh command in time."""
-    er6: bool
+    er6: Final[bool]
     """ER6: steering sensor out of bounds."""
-    present_codes: int
+    present_codes: Final[int]
     """Bit n set: the cause of ERn is there now, latched or not."""
+
+    def __init__(
+        self,
+        *,
+        torque_nm: float,
+        driver_active: bool,
+        node_state: NodeState,
+        er0: bool,
+        er1: bool,
+        er2: bool,
+        er3: bool,
+        er4: bool,
+        er5: bool,
+        er6: bool,
+        present_codes: int,
+    ) -> None:
+        self.torque_nm = torque_nm
+        self.driver_active = driver_active
+        self.node_state = node_state
+        self.er0 = er0
+        self.er1 = er1
+        self.er2 = er2
+        self.er3 = er3
+        self.er4 = er4
+        self.er5 = er5
+        self.er6 = er6
+        self.present_codes = present_codes
 
 
 def _pack_steer_driver(message: SteerDriver) -> int:
@@ -879,15 +1067,23 @@ def _pack_steer_driver(message: SteerDriver) -> int:
         bits |= (round(x / 0.02) & 0xFFF) << 32
     else:
         raise SignalRangeError("SteerDriver.torque_nm", x, -40, 40, "N.m")
-    bits |= int(message.driver_active) << 44
-    bits |= int(message.node_state) << 45
-    bits |= int(message.er0) << 48
-    bits |= int(message.er1) << 49
-    bits |= int(message.er2) << 50
-    bits |= int(message.er3) << 51
-    bits |= int(message.er4) << 52
-    bits |= int(message.er5) << 53
-    bits |= int(message.er6) << 54
+    if message.driver_active:
+        bits |= 0x100000000000
+    bits |= message.node_state << 45
+    if message.er0:
+        bits |= 0x1000000000000
+    if message.er1:
+        bits |= 0x2000000000000
+    if message.er2:
+        bits |= 0x4000000000000
+    if message.er3:
+        bits |= 0x8000000000000
+    if message.er4:
+        bits |= 0x10000000000000
+    if message.er5:
+        bits |= 0x20000000000000
+    if message.er6:
+        bits |= 0x40000000000000
     n = message.present_codes
     if 0 <= n <= 127:
         bits |= (round(n) & 0x7F) << 55
@@ -906,15 +1102,15 @@ def _unpack_steer_driver(bits: int) -> SteerDriver:
         torque_nm = r * 0.02
         if not -40 <= torque_nm <= 40:
             raise SignalRangeError("SteerDriver.torque_nm", torque_nm, -40, 40, "N.m")
-    driver_active = bits >> 44 & 1 == 1
+    driver_active = bits & 0x100000000000 != 0
     node_state = _NODE_STATE[bits >> 45 & 0x7]
-    er0 = bits >> 48 & 1 == 1
-    er1 = bits >> 49 & 1 == 1
-    er2 = bits >> 50 & 1 == 1
-    er3 = bits >> 51 & 1 == 1
-    er4 = bits >> 52 & 1 == 1
-    er5 = bits >> 53 & 1 == 1
-    er6 = bits >> 54 & 1 == 1
+    er0 = bits & 0x1000000000000 != 0
+    er1 = bits & 0x2000000000000 != 0
+    er2 = bits & 0x4000000000000 != 0
+    er3 = bits & 0x8000000000000 != 0
+    er4 = bits & 0x10000000000000 != 0
+    er5 = bits & 0x20000000000000 != 0
+    er6 = bits & 0x40000000000000 != 0
     r = bits >> 55 & 0x7F
     present_codes = r
     return SteerDriver(
@@ -932,31 +1128,58 @@ def _unpack_steer_driver(bits: int) -> SteerDriver:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class ThrottleDriver:
     """Driver input, node state and codes; at once on change."""
 
-    pedal_ratio: float
+    pedal_ratio: Final[float]
     """Throttle pedal. NaN: not available."""
-    driver_active: bool
+    driver_active: Final[bool]
     """Driver input above the hand-over threshold for the debounce time."""
-    node_state: NodeState
-    er0: bool
+    node_state: Final[NodeState]
+    er0: Final[bool]
     """ER0: a frame of ours with wrong length, kind, counter or CRC was ignored."""
-    er1: bool
+    er1: Final[bool]
     """ER1: emergency-brake condition present."""
-    er2: bool
+    er2: Final[bool]
     """ER2: watchdog: late, overrunning, or frames missing."""
-    er3: bool
+    er3: Final[bool]
     """ER3: brake servo on for too long."""
-    er4: bool
+    er4: Final[bool]
     """ER4: steering motor driver reports a fault."""
-    er5: bool
+    er5: Final[bool]
     """ER5: no valid fresh command in time."""
-    er6: bool
+    er6: Final[bool]
     """ER6: steering sensor out of bounds."""
-    present_codes: int
+    present_codes: Final[int]
     """Bit n set: the cause of ERn is there now, latched or not."""
+
+    def __init__(
+        self,
+        *,
+        pedal_ratio: float,
+        driver_active: bool,
+        node_state: NodeState,
+        er0: bool,
+        er1: bool,
+        er2: bool,
+        er3: bool,
+        er4: bool,
+        er5: bool,
+        er6: bool,
+        present_codes: int,
+    ) -> None:
+        self.pedal_ratio = pedal_ratio
+        self.driver_active = driver_active
+        self.node_state = node_state
+        self.er0 = er0
+        self.er1 = er1
+        self.er2 = er2
+        self.er3 = er3
+        self.er4 = er4
+        self.er5 = er5
+        self.er6 = er6
+        self.present_codes = present_codes
 
 
 def _pack_throttle_driver(message: ThrottleDriver) -> int:
@@ -968,15 +1191,23 @@ def _pack_throttle_driver(message: ThrottleDriver) -> int:
         bits |= (round(x / 0.0005) & 0xFFF) << 32
     else:
         raise SignalRangeError("ThrottleDriver.pedal_ratio", x, 0, 1.2, "1")
-    bits |= int(message.driver_active) << 44
-    bits |= int(message.node_state) << 45
-    bits |= int(message.er0) << 48
-    bits |= int(message.er1) << 49
-    bits |= int(message.er2) << 50
-    bits |= int(message.er3) << 51
-    bits |= int(message.er4) << 52
-    bits |= int(message.er5) << 53
-    bits |= int(message.er6) << 54
+    if message.driver_active:
+        bits |= 0x100000000000
+    bits |= message.node_state << 45
+    if message.er0:
+        bits |= 0x1000000000000
+    if message.er1:
+        bits |= 0x2000000000000
+    if message.er2:
+        bits |= 0x4000000000000
+    if message.er3:
+        bits |= 0x8000000000000
+    if message.er4:
+        bits |= 0x10000000000000
+    if message.er5:
+        bits |= 0x20000000000000
+    if message.er6:
+        bits |= 0x40000000000000
     n = message.present_codes
     if 0 <= n <= 127:
         bits |= (round(n) & 0x7F) << 55
@@ -993,15 +1224,15 @@ def _unpack_throttle_driver(bits: int) -> ThrottleDriver:
         pedal_ratio = r * 0.0005
         if not 0 <= pedal_ratio <= 1.2:
             raise SignalRangeError("ThrottleDriver.pedal_ratio", pedal_ratio, 0, 1.2, "1")
-    driver_active = bits >> 44 & 1 == 1
+    driver_active = bits & 0x100000000000 != 0
     node_state = _NODE_STATE[bits >> 45 & 0x7]
-    er0 = bits >> 48 & 1 == 1
-    er1 = bits >> 49 & 1 == 1
-    er2 = bits >> 50 & 1 == 1
-    er3 = bits >> 51 & 1 == 1
-    er4 = bits >> 52 & 1 == 1
-    er5 = bits >> 53 & 1 == 1
-    er6 = bits >> 54 & 1 == 1
+    er0 = bits & 0x1000000000000 != 0
+    er1 = bits & 0x2000000000000 != 0
+    er2 = bits & 0x4000000000000 != 0
+    er3 = bits & 0x8000000000000 != 0
+    er4 = bits & 0x10000000000000 != 0
+    er5 = bits & 0x20000000000000 != 0
+    er6 = bits & 0x40000000000000 != 0
     r = bits >> 55 & 0x7F
     present_codes = r
     return ThrottleDriver(
@@ -1019,31 +1250,58 @@ def _unpack_throttle_driver(bits: int) -> ThrottleDriver:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class BrakeDriver:
     """Driver input, node state and codes; at once on change."""
 
-    pedal_ratio: float
+    pedal_ratio: Final[float]
     """Brake pedal beyond the servo's position. NaN: not available."""
-    driver_active: bool
+    driver_active: Final[bool]
     """Driver input above the hand-over threshold for the debounce time."""
-    node_state: NodeState
-    er0: bool
+    node_state: Final[NodeState]
+    er0: Final[bool]
     """ER0: a frame of ours with wrong length, kind, counter or CRC was ignored."""
-    er1: bool
+    er1: Final[bool]
     """ER1: emergency-brake condition present."""
-    er2: bool
+    er2: Final[bool]
     """ER2: watchdog: late, overrunning, or frames missing."""
-    er3: bool
+    er3: Final[bool]
     """ER3: brake servo on for too long."""
-    er4: bool
+    er4: Final[bool]
     """ER4: steering motor driver reports a fault."""
-    er5: bool
+    er5: Final[bool]
     """ER5: no valid fresh command in time."""
-    er6: bool
+    er6: Final[bool]
     """ER6: steering sensor out of bounds."""
-    present_codes: int
+    present_codes: Final[int]
     """Bit n set: the cause of ERn is there now, latched or not."""
+
+    def __init__(
+        self,
+        *,
+        pedal_ratio: float,
+        driver_active: bool,
+        node_state: NodeState,
+        er0: bool,
+        er1: bool,
+        er2: bool,
+        er3: bool,
+        er4: bool,
+        er5: bool,
+        er6: bool,
+        present_codes: int,
+    ) -> None:
+        self.pedal_ratio = pedal_ratio
+        self.driver_active = driver_active
+        self.node_state = node_state
+        self.er0 = er0
+        self.er1 = er1
+        self.er2 = er2
+        self.er3 = er3
+        self.er4 = er4
+        self.er5 = er5
+        self.er6 = er6
+        self.present_codes = present_codes
 
 
 def _pack_brake_driver(message: BrakeDriver) -> int:
@@ -1055,15 +1313,23 @@ def _pack_brake_driver(message: BrakeDriver) -> int:
         bits |= (round(x / 0.0005) & 0xFFF) << 32
     else:
         raise SignalRangeError("BrakeDriver.pedal_ratio", x, 0, 1.2, "1")
-    bits |= int(message.driver_active) << 44
-    bits |= int(message.node_state) << 45
-    bits |= int(message.er0) << 48
-    bits |= int(message.er1) << 49
-    bits |= int(message.er2) << 50
-    bits |= int(message.er3) << 51
-    bits |= int(message.er4) << 52
-    bits |= int(message.er5) << 53
-    bits |= int(message.er6) << 54
+    if message.driver_active:
+        bits |= 0x100000000000
+    bits |= message.node_state << 45
+    if message.er0:
+        bits |= 0x1000000000000
+    if message.er1:
+        bits |= 0x2000000000000
+    if message.er2:
+        bits |= 0x4000000000000
+    if message.er3:
+        bits |= 0x8000000000000
+    if message.er4:
+        bits |= 0x10000000000000
+    if message.er5:
+        bits |= 0x20000000000000
+    if message.er6:
+        bits |= 0x40000000000000
     n = message.present_codes
     if 0 <= n <= 127:
         bits |= (round(n) & 0x7F) << 55
@@ -1080,15 +1346,15 @@ def _unpack_brake_driver(bits: int) -> BrakeDriver:
         pedal_ratio = r * 0.0005
         if not 0 <= pedal_ratio <= 1.2:
             raise SignalRangeError("BrakeDriver.pedal_ratio", pedal_ratio, 0, 1.2, "1")
-    driver_active = bits >> 44 & 1 == 1
+    driver_active = bits & 0x100000000000 != 0
     node_state = _NODE_STATE[bits >> 45 & 0x7]
-    er0 = bits >> 48 & 1 == 1
-    er1 = bits >> 49 & 1 == 1
-    er2 = bits >> 50 & 1 == 1
-    er3 = bits >> 51 & 1 == 1
-    er4 = bits >> 52 & 1 == 1
-    er5 = bits >> 53 & 1 == 1
-    er6 = bits >> 54 & 1 == 1
+    er0 = bits & 0x1000000000000 != 0
+    er1 = bits & 0x2000000000000 != 0
+    er2 = bits & 0x4000000000000 != 0
+    er3 = bits & 0x8000000000000 != 0
+    er4 = bits & 0x10000000000000 != 0
+    er5 = bits & 0x20000000000000 != 0
+    er6 = bits & 0x40000000000000 != 0
     r = bits >> 55 & 0x7F
     present_codes = r
     return BrakeDriver(
@@ -1106,15 +1372,28 @@ def _unpack_brake_driver(bits: int) -> BrakeDriver:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Sdo:
     """CANopen SDO, default channel (CiA 301): one client per channel."""
 
-    specifier: int
+    specifier: Final[int]
     """CiA 301 command specifier."""
-    index: int
-    subindex: int
-    payload: int
+    index: Final[int]
+    subindex: Final[int]
+    payload: Final[int]
+
+    def __init__(
+        self,
+        *,
+        specifier: int,
+        index: int,
+        subindex: int,
+        payload: int,
+    ) -> None:
+        self.specifier = specifier
+        self.index = index
+        self.subindex = subindex
+        self.payload = payload
 
 
 def _pack_sdo(message: Sdo) -> int:
@@ -1159,16 +1438,23 @@ def _unpack_sdo(bits: int) -> Sdo:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Heartbeat:
     """CANopen heartbeat; for diagnosis, liveness is judged on the protected 10 ms frames."""
 
-    state: HeartbeatState
+    state: Final[HeartbeatState]
+
+    def __init__(
+        self,
+        *,
+        state: HeartbeatState,
+    ) -> None:
+        self.state = state
 
 
 def _pack_heartbeat(message: Heartbeat) -> int:
     bits = 0
-    bits |= int(message.state)
+    bits |= message.state
     return bits
 
 
@@ -1179,7 +1465,7 @@ def _unpack_heartbeat(bits: int) -> Heartbeat:
     )
 
 
-SPECS: dict[int, MessageSpec] = {
+SPECS: Final[dict[int, MessageSpec]] = {
     0x000: MessageSpec(
         can_id=0x000,
         name="NMT",

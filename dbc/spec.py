@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-NAN = float("nan")
+NAN: Final = float("nan")
 
 
 class SignalRangeError(ValueError):

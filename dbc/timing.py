@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from dbc.messages import SPECS
 
-COMMAND_CYCLE_MS = SPECS[0x202].cycle_ns // 1_000_000
-DECISION_PERIODS = 1.5
+COMMAND_CYCLE_MS: Final = SPECS[0x202].cycle_ns // 1_000_000
+DECISION_PERIODS: Final = 1.5
 """A decision may be half a period late (design, time budget)."""
-COMMAND_CYCLES = 2
+COMMAND_CYCLES: Final = 2
 """One command frame may be lost."""
-DECISION_MARGIN_MS = 15
+DECISION_MARGIN_MS: Final = 15
 """Wire, two 10 ms cycles out of phase, and the age's 5 ms resolution."""
-AGE_RESOLUTION_MS = 5
+AGE_RESOLUTION_MS: Final = 5
 
 assert COMMAND_CYCLES * COMMAND_CYCLE_MS + DECISION_MARGIN_MS >= 2 * COMMAND_CYCLE_MS  # one loss
 

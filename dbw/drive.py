@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from dbc.messages import Inhibit, Mode
 from dbw.plan import DrivePlan
@@ -16,30 +17,34 @@ from gateway.state import CarState
 from planner.localisation import Localiser
 from planner.pure_pursuit import DONE_SPEED_MPS, PurePursuit
 
-TICK_NS_MAX = 20_000_000
+TICK_NS_MAX: Final = 20_000_000
 """Odometry and samples come at least this often, however slow the planner is."""
 
-READY_S_MAX = 15.0
+READY_S_MAX: Final = 15.0
 """Longest wait for the stack to be healthy: six processes start within some 5 s on two cores."""
 
-STAND_S_MAX = 8.0
+STAND_S_MAX: Final = 8.0
 """Longest wait for the car to stand after an early end: a stop takes 3 s on the worst road."""
 
-SETTLE_S = 1.0
+SETTLE_S: Final = 1.0
 """Least time watched after an early end."""
 
-ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
+ONLY_THE_BUTTON: Final = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
 """What the state says when everything else is well."""
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class DriveProgress:
     """What there is to show at a tick."""
 
-    progress_m: float
-    state: CarState
+    progress_m: Final[float]
+    state: Final[CarState]
+
+    def __init__(self, *, progress_m: float, state: CarState) -> None:
+        self.progress_m = progress_m
+        self.state = state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Self
+from typing import Final, Self
 
 from dbw.plan import DrivePlan
 from gateway.api import Car
@@ -14,7 +14,7 @@ from simulation.world import World
 from telemetry.bus_log import BusLog
 from telemetry.recording import DriveRecorder
 
-BUTTON_S = 0.15
+BUTTON_S: Final = 0.15
 """How long the button is held."""
 
 

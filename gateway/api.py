@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Generator, Iterator
 from contextlib import closing
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from dbc.messages import Request
 from gateway.commands import NS_PER_S, checked, decide
@@ -23,10 +23,10 @@ from gateway.requests import DRIVING_MODES
 from gateway.state import CarState
 from vehicles.vehicle import Vehicle
 
-TIMEOUT_S_MAX = 3600.0
+TIMEOUT_S_MAX: Final = 3600.0
 TICK_PERIOD_S_MIN, TICK_PERIOD_S_MAX = 0.001, 10.0
 
-LEAVE_MARGIN_S = 2.0
+LEAVE_MARGIN_S: Final = 2.0
 """Added to the time of a controlled stop when a `with` block is left while the car drives."""
 
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from gateway.commands import Decision
 from vehicles.vehicle import Vehicle
 
-HOLD_SPEED_MPS_MAX = 0.5
+HOLD_SPEED_MPS_MAX: Final = 0.5
 """Below it a car told to stand is held by the servo; regeneration cannot hold (design: 0.5 m/s)."""
 
-REGEN_MARGIN_MPS = 0.5
+REGEN_MARGIN_MPS: Final = 0.5
 """Excess over the setpoint left to regeneration: above noise and a well-tuned loop's error."""
 
-BRAKE_GAIN_PER_S = 2.0
+BRAKE_GAIN_PER_S: Final = 2.0
 """Deceleration per m/s of excess beyond the margin. With the servo's 0.29 s (UWA Section 8) the
 loop keeps more than 50 degrees of phase."""
 
-BRAKE_RATIO_MAX = 0.6
+BRAKE_RATIO_MAX: Final = 0.6
 """A planner's braking ends here; the rest of the travel belongs to emergencies."""
 
 assert BRAKE_GAIN_PER_S * 0.29 < 0.7  # crossover well below the servo's own speed

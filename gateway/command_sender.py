@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from canbus.frame import Frame
 from canbus.node import PERIOD_NS
@@ -14,16 +15,16 @@ from gateway.commands import COMMAND_PERIOD_NS, NS_PER_MS, NS_PER_S, Decision
 from gateway.kinematics import Kinematics
 from vehicles.vehicle import Vehicle, VehicleError
 
-AGE_STEP_NS = 5 * NS_PER_MS
+AGE_STEP_NS: Final = 5 * NS_PER_MS
 """Resolution of the decision's age on the wire (DBC); rounded up, never down."""
-AGE_MS_MAX = 1270.0
+AGE_MS_MAX: Final = 1270.0
 """The wire's largest age; an older decision is sent as this old."""
 
-COMMAND_INTERVAL_NS_MIN = SPEC_OF_NAME["STEER_COMMAND"].min_interval_ns
-JITTER_NS_MAX = 1_000_000
+COMMAND_INTERVAL_NS_MIN: Final = SPEC_OF_NAME["STEER_COMMAND"].min_interval_ns
+JITTER_NS_MAX: Final = 1_000_000
 """How early a cycle may come and still count as on time."""
 
-GRACE_NS = PERIOD_NS - COMMAND_INTERVAL_NS_MIN
+GRACE_NS: Final = PERIOD_NS - COMMAND_INTERVAL_NS_MIN
 """How late a planner may decide and not find a repetition in its way."""
 
 assert GRACE_NS + COMMAND_INTERVAL_NS_MIN <= PERIOD_NS  # never waits for more than one cycle

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Real
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.endpoint import SPEC_OF_NAME
 from dbc.timing import decision_age_limit_ms, planner_period_ms_max
 from vehicles.vehicle import Vehicle
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
 
-PLANNER_PERIOD_NS_MIN = PERIOD_NS
+PLANNER_PERIOD_NS_MIN: Final = PERIOD_NS
 """No node acts on decisions that come faster than its own cycle."""
 
-COMMAND_PERIOD_NS = SPEC_OF_NAME["STEER_COMMAND"].cycle_ns
+COMMAND_PERIOD_NS: Final = SPEC_OF_NAME["STEER_COMMAND"].cycle_ns
 assert COMMAND_PERIOD_NS == 2 * PERIOD_NS
 
 
@@ -60,13 +61,17 @@ def promised_period_ms(period_ns: int) -> int:
     return -(-period_ns // NS_PER_MS)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Decision:
     """One decision of the planner. Made by `decide`, which checks it."""
 
-    speed_mps: float
-    curvature_per_m: float
+    speed_mps: Final[float]
+    curvature_per_m: Final[float]
     """Positive turns left."""
+
+    def __init__(self, *, speed_mps: float, curvature_per_m: float) -> None:
+        self.speed_mps = speed_mps
+        self.curvature_per_m = curvature_per_m
 
 
 def decide(vehicle: Vehicle, *, speed_mps: object, curvature_per_m: object) -> Decision:

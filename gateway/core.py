@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import CanopenEvent, CanopenEventKind, NmtCommand, NmtState
@@ -48,28 +49,39 @@ from gateway.state import (
 )
 from vehicles.vehicle import Vehicle
 
-FOREIGN_NS = 1_000_000_000
+FOREIGN_NS: Final = 1_000_000_000
 """A stranger is remembered for this long after his last frame."""
 
-FOLLOWING_REASONS = frozenset(
+FOLLOWING_REASONS: Final = frozenset(
     {Reason.NODE_EMERGENCY, Reason.FAILSAFE_FRAME, Reason.ADOPTED, Reason.BRAKING_IN_PROGRESS}
 )
 """Reasons that only repeat somebody else's; they do not replace a first-hand one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class PlannerInputs:
     """What the planner did since the last step."""
 
-    decision: Decision | None = None
+    decision: Final[Decision | None]
     """A new decision."""
-    decided_ns: int = 0
+    decided_ns: Final[int]
     """When it was made, on the gateway's clock."""
-    request: Request | None = None
+    request: Final[Request | None]
     """A new request; NONE withdraws the pending one."""
 
+    def __init__(
+        self,
+        *,
+        decision: Decision | None = None,
+        decided_ns: int = 0,
+        request: Request | None = None,
+    ) -> None:
+        self.decision = decision
+        self.decided_ns = decided_ns
+        self.request = request
 
-NO_INPUTS = PlannerInputs()
+
+NO_INPUTS: Final = PlannerInputs()
 
 
 class GatewayCore:
@@ -86,7 +98,6 @@ class GatewayCore:
         self.vehicle = vehicle
         self.planner_period_ns = planner_period_ns
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
-        self._endpoint = Endpoint(self.name, SUBSCRIBED)
         self._canopen = CanopenNode(
             NODE_IDS[self.name],
             files("dbc").joinpath("eds", "gateway.eds").read_text(encoding="utf-8"),
@@ -94,6 +105,7 @@ class GatewayCore:
             vehicle_hash=configuration_hash(vehicle.text),
             parameters={"command_timeout_s": vehicle.times.command_timeout_s},
         )
+        self._endpoint = Endpoint(self.name, SUBSCRIBED, self._canopen.acceptance)
         self.acceptance: frozenset[int] | None = (
             self._endpoint.acceptance | self._canopen.acceptance
         )
@@ -124,8 +136,8 @@ class GatewayCore:
         assert now_ns >= self._now_ns, "time went back"
         self._now_ns = now_ns
         self._events = []
-        frames = self._step_canopen(received)
         messages = self._endpoint.take(received)
+        frames = self._step_canopen()
         self._judge_traffic()
         for message in messages:
             self._follow(message)
@@ -154,11 +166,8 @@ class GatewayCore:
 
     # What comes in ---------------------------------------------------------------------------
 
-    def _step_canopen(self, received: Sequence[ReceivedFrame]) -> list[Frame]:
-        ids = self._canopen.acceptance
-        frames = self._canopen.step(
-            self._now_ns, [item.frame for item in received if item.frame.can_id in ids]
-        )
+    def _step_canopen(self) -> list[Frame]:
+        frames = self._canopen.step(self._now_ns, self._endpoint.handed_on)
         for event in self._canopen.poll_events():
             self._obey(event)
         return frames
@@ -263,5 +272,5 @@ class GatewayCore:
         self._events.append(Event(time_ns=self._now_ns, node=self.name, kind=kind, text=text))
 
 
-_SUPERVISOR_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
-_OWN_IDS = sent_by("Gateway")
+_SUPERVISOR_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+_OWN_IDS: Final = sent_by("Gateway")

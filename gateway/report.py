@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from canbus.canopen_node import CanopenNode
 from dbc.messages import ErrorCode, Reason
 
-REPORT_NS = 1_000_000_000
+REPORT_NS: Final = 1_000_000_000
 """A code is reported for this long after its cause was last seen."""
 
-EMCY_CODE_BASE = 0xFF00
+EMCY_CODE_BASE: Final = 0xFF00
 """CiA 301: device-specific emergency error codes."""
-EMCY_REGISTER = 0x81
+EMCY_REGISTER: Final = 0x81
 """CiA 301 object 0x1001: generic error and manufacturer-specific error."""
 
 

@@ -13,42 +13,43 @@ Rules:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from canbus.frame import Frame
 from canbus.node import PERIOD_NS
 from dbc.endpoint import FAILSAFE_ID, SPEC_OF_NAME, Endpoint
 from dbc.messages import EmergencyBrake, ErrorCode, Mode, ModeRequest, Reason, Request
 
-NS_PER_MS = 1_000_000
+NS_PER_MS: Final = 1_000_000
 
-REQUEST_PERIOD_NS = 20_000_000
+REQUEST_PERIOD_NS: Final = 20_000_000
 """MODE_REQUEST is repeated this often while pending (design, identifiers)."""
 
-ENGAGE_PENDING_NS_MAX = 2_000_000_000
-OTHER_PENDING_NS_MAX = 1_000_000_000
+ENGAGE_PENDING_NS_MAX: Final = 2_000_000_000
+OTHER_PENDING_NS_MAX: Final = 1_000_000_000
 
-CONFIRM_NS = 2 * PERIOD_NS
+CONFIRM_NS: Final = 2 * PERIOD_NS
 """The supervisor hears a request in its next cycle: only states later than this are its answer."""
 
-WITHDRAWALS = 3
+WITHDRAWALS: Final = 3
 """Frames that tell of a withdrawal; two may be lost."""
 
-BRAKE_NS_MAX = 200_000_000
+BRAKE_NS_MAX: Final = 200_000_000
 """An emergency brake nobody acknowledges is repeated for so long: all other nodes have heard it
 many times, and brake by themselves when the supervisor is dead."""
 
-SEQUENCE_MODULO = 256
-REQUEST_INTERVAL_NS_MIN = SPEC_OF_NAME["MODE_REQUEST"].min_interval_ns
-BRAKE_INTERVAL_NS_MIN = SPEC_OF_NAME["GATEWAY_EMERGENCY_BRAKE"].min_interval_ns
+SEQUENCE_MODULO: Final = 256
+REQUEST_INTERVAL_NS_MIN: Final = SPEC_OF_NAME["MODE_REQUEST"].min_interval_ns
+BRAKE_INTERVAL_NS_MIN: Final = SPEC_OF_NAME["GATEWAY_EMERGENCY_BRAKE"].min_interval_ns
 
-DRIVING_MODES = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+DRIVING_MODES: Final = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 """The modes in which the planner's decisions move the car."""
 
-OBJECTION_MODES = DRIVING_MODES | {Mode.EMERGENCY}
+OBJECTION_MODES: Final = DRIVING_MODES | {Mode.EMERGENCY}
 """The modes in which a stranger's frame is answered by EMERGENCY_BRAKE; in EMERGENCY one frame
 speaks against a reset that the planner did not ask for."""
 
-DRIVER_MODES = frozenset({Mode.INIT, Mode.MANUAL})
+DRIVER_MODES: Final = frozenset({Mode.INIT, Mode.MANUAL})
 """The modes in which a human drives: nothing may brake for him."""
 
 assert REQUEST_INTERVAL_NS_MIN < PERIOD_NS < REQUEST_PERIOD_NS
@@ -57,13 +58,18 @@ assert CONFIRM_NS < OTHER_PENDING_NS_MAX < ENGAGE_PENDING_NS_MAX
 assert BRAKE_NS_MAX >= 10 * PERIOD_NS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class SupervisorView:
     """The newest SUPERVISOR_STATE, however old; None before the first."""
 
-    mode: Mode | None
-    reset_epoch: int | None
-    arrival_ns: int
+    mode: Final[Mode | None]
+    reset_epoch: Final[int | None]
+    arrival_ns: Final[int]
+
+    def __init__(self, *, mode: Mode | None, reset_epoch: int | None, arrival_ns: int) -> None:
+        self.mode = mode
+        self.reset_epoch = reset_epoch
+        self.arrival_ns = arrival_ns
 
 
 class RequestSender:

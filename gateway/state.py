@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from dbc.endpoint import SPEC_OF_NAME, Endpoint
 from dbc.messages import (
@@ -34,11 +34,10 @@ from dbc.messages import (
 from gateway.kinematics import Kinematics
 from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
 
-NS_PER_S = 1_000_000_000
-MS_PER_S = 1000.0
-_CODE_SIGNALS = tuple((f"er{n}", ErrorCode(n)) for n in range(7))
+NS_PER_S: Final = 1_000_000_000
+MS_PER_S: Final = 1000.0
 
-LIMIT_REASONS = frozenset(
+LIMIT_REASONS: Final = frozenset(
     {
         MonitorReason.SPEED,
         MonitorReason.STEERING_ANGLE,
@@ -52,7 +51,7 @@ LIMIT_REASONS = frozenset(
 )
 """Reasons whose `value` is what was measured, in thousandths of its limit."""
 
-_FRAMES: dict[str, tuple[str, str, type[Any] | None]] = {
+_FRAMES: Final[dict[str, tuple[str, str, type[Any] | None]]] = {
     "Supervisor": ("SUPERVISOR", "SUPERVISOR_STATE", None),
     "Steering": ("STEER", "STEER_STATUS", SteerDriver),
     "Throttle": ("THROTTLE", "THROTTLE_STATUS", ThrottleDriver),
@@ -61,7 +60,13 @@ _FRAMES: dict[str, tuple[str, str, type[Any] | None]] = {
 }
 """Per node: prefix of its messages, its protected 10 ms frame, the type of its driver frame."""
 
-SUBSCRIBED = tuple(
+_NAMES_OF: Final = {
+    node: (status, f"{prefix}_HEARTBEAT", f"{prefix}_DRIVER", kind)
+    for node, (prefix, status, kind) in _FRAMES.items()
+}
+"""Per node: its 10 ms frame, its heartbeat, its driver frame if it has one, the latter's type."""
+
+SUBSCRIBED: Final = tuple(
     name
     for prefix, status, driver in _FRAMES.values()
     for name in (
@@ -73,7 +78,7 @@ SUBSCRIBED = tuple(
 )
 """Messages from which the state is made."""
 
-EMERGENCY_SENDER = {
+EMERGENCY_SENDER: Final = {
     SPEC_OF_NAME[f"{prefix}_EMERGENCY_BRAKE"].can_id: node
     for node, (prefix, _, _) in _FRAMES.items()
 }
@@ -82,20 +87,35 @@ EMERGENCY_SENDER = {
 MessageT = TypeVar("MessageT")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class NodeHealth:
     """One node as heard over the bus."""
 
-    heartbeat: HeartbeatState | None
+    heartbeat: Final[HeartbeatState | None]
     """NMT state; None when no heartbeat comes."""
-    age_s: float
+    age_s: Final[float]
     """Age of its newest protected 10 ms frame; infinite before the first."""
-    is_heard: bool
+    is_heard: Final[bool]
     """Whether that frame came within the DBC's time-out."""
-    node_state: NodeState | None
+    node_state: Final[NodeState | None]
     """State of a steer, throttle or brake node; None when not told or too old."""
-    codes: tuple[ErrorCode, ...] | None
+    codes: Final[tuple[ErrorCode, ...] | None]
     """Codes it reports in its driver frame; None when that frame is too old."""
+
+    def __init__(
+        self,
+        *,
+        heartbeat: HeartbeatState | None,
+        age_s: float,
+        is_heard: bool,
+        node_state: NodeState | None,
+        codes: tuple[ErrorCode, ...] | None,
+    ) -> None:
+        self.heartbeat = heartbeat
+        self.age_s = age_s
+        self.is_heard = is_heard
+        self.node_state = node_state
+        self.codes = codes
 
     @property
     def is_healthy(self) -> bool:
@@ -161,16 +181,31 @@ class CarState:
     pending_request: Request
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class OwnSide:
     """What only the gateway knows: its part of the state."""
 
-    heartbeat: HeartbeatState
-    decision_age_s: float
-    pending_request: Request
-    emergency_reason: EmergencyReason | None
-    foreign_name: str
+    heartbeat: Final[HeartbeatState]
+    decision_age_s: Final[float]
+    pending_request: Final[Request]
+    emergency_reason: Final[EmergencyReason | None]
+    foreign_name: Final[str]
     """Message of the gateway's own that somebody else sent of late; empty when none."""
+
+    def __init__(
+        self,
+        *,
+        heartbeat: HeartbeatState,
+        decision_age_s: float,
+        pending_request: Request,
+        emergency_reason: EmergencyReason | None,
+        foreign_name: str,
+    ) -> None:
+        self.heartbeat = heartbeat
+        self.decision_age_s = decision_age_s
+        self.pending_request = pending_request
+        self.emergency_reason = emergency_reason
+        self.foreign_name = foreign_name
 
 
 def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnSide) -> CarState:
@@ -218,7 +253,12 @@ def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnS
 
 def codes_of(message: Any) -> tuple[ErrorCode, ...]:
     """The codes ER0-ER6 whose bits are set in a message that carries them."""
-    return tuple([code for signal, code in _CODE_SIGNALS if getattr(message, signal)])
+    flags = (
+        message.er0, message.er1, message.er2, message.er3, message.er4, message.er5, message.er6
+    )
+    if True not in flags:
+        return ()
+    return tuple([ErrorCode(n) for n, is_set in enumerate(flags) if is_set])
 
 
 def why_not_engaged(
@@ -261,7 +301,7 @@ def _verdict_text(verdict: SafetyVerdict | None) -> str:
     return f"{text} ({message_name(verdict.identifier)})" if verdict.identifier else text
 
 
-_NAMES = {spec.can_id: spec.name for spec in SPEC_OF_NAME.values()}
+_NAMES: Final = {spec.can_id: spec.name for spec in SPEC_OF_NAME.values()}
 
 
 def message_name(can_id: int) -> str:
@@ -281,12 +321,12 @@ def _age_s(endpoint: Endpoint, name: str, now_ns: int) -> float:
 
 
 def _node_health(endpoint: Endpoint, node: str, now_ns: int) -> NodeHealth:
-    prefix, status, driver_kind = _FRAMES[node]
-    heartbeat = _fresh(endpoint, f"{prefix}_HEARTBEAT", Heartbeat, now_ns)
+    status, heartbeat_name, driver_name, driver_kind = _NAMES_OF[node]
+    heartbeat = _fresh(endpoint, heartbeat_name, Heartbeat, now_ns)
     node_state: NodeState | None = None
     codes: tuple[ErrorCode, ...] | None = ()
     if driver_kind is not None:
-        driver = _fresh(endpoint, f"{prefix}_DRIVER", driver_kind, now_ns)
+        driver = _fresh(endpoint, driver_name, driver_kind, now_ns)
         node_state = None if driver is None else driver.node_state
         codes = None if driver is None else codes_of(driver)
     return NodeHealth(

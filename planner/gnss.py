@@ -2,15 +2,16 @@
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-PERIOD_NS = 100_000_000  # 10 Hz: the rate of UAH's corrections (section 3.4)
-LATENCY_NS = 100_000_000  # age at arrival: receiver, serial line and UAH's 100 ms sampling
-SIGMA_M = 0.02  # per axis: RTK near its own base
+PERIOD_NS: Final = 100_000_000  # 10 Hz: the rate of UAH's corrections (section 3.4)
+LATENCY_NS: Final = 100_000_000  # age at arrival: receiver, serial line and UAH's 100 ms sampling
+SIGMA_M: Final = 0.02  # per axis: RTK near its own base
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class GnssFix:
     """One position, valid at `taken_ns`, usable from `taken_ns` plus the latency on.
 
@@ -20,9 +21,14 @@ class GnssFix:
         y_m: As x_m.
     """
 
-    taken_ns: int
-    x_m: float
-    y_m: float
+    taken_ns: Final[int]
+    x_m: Final[float]
+    y_m: Final[float]
+
+    def __init__(self, *, taken_ns: int, x_m: float, y_m: float) -> None:
+        self.taken_ns = taken_ns
+        self.x_m = x_m
+        self.y_m = y_m
 
 
 class GnssReceiver:

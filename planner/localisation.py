@@ -23,6 +23,7 @@ up, and without it a bend's entry turns the estimate by half a degree.
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -32,33 +33,33 @@ from planner.road import FloatArray
 
 __all__ = ["GnssFix", "GnssReceiver", "Localiser", "OdometryCorrection"]
 
-HISTORY_NS = 1_000_000_000  # a fix older than this is of no use
-ODOMETRY_GAP_NS_MAX = 500_000_000  # silence after which the odometry is no odometry any more
-START_SIGMA_M = 0.02
-START_SIGMA_RAD = math.radians(0.5)
+HISTORY_NS: Final = 1_000_000_000  # a fix older than this is of no use
+ODOMETRY_GAP_NS_MAX: Final = 500_000_000  # silence after which the odometry is no odometry any more
+START_SIGMA_M: Final = 0.02
+START_SIGMA_RAD: Final = math.radians(0.5)
 # What the corrections leave, as random walks over distance: 2 mm in the first metre for wheel slip
 # that comes and goes, 0.02 degrees for what the tyres do beside the lag and the scale.
-POSITION_WALK_M2_PER_M = 0.002**2
-HEADING_WALK_RAD2_PER_M = math.radians(0.02) ** 2
+POSITION_WALK_M2_PER_M: Final = 0.002**2
+HEADING_WALK_RAD2_PER_M: Final = math.radians(0.02) ** 2
 # Spread of the corrections, and the distance over which they are constant.
-SPEED_SCALE_SIGMA = 0.02  # 1 % tyre radius, 1 % driving and braking slip
-SPEED_SCALE_LENGTH_M = 500.0
-CURVATURE_SCALE_SIGMA = 0.03  # understeer that changes with speed
-CURVATURE_SCALE_LENGTH_M = 500.0
-CURVATURE_OFFSET_SIGMA_PER_M = 0.0005  # 0.05 rad at a steering wheel of 40:1
-CURVATURE_OFFSET_LENGTH_M = 3000.0
-CURVATURE_LAG_SIGMA_S = 0.05
-CURVATURE_LAG_LENGTH_M = 1000.0
-GATE_SIGMAS2 = 36.0  # a fix farther off than 6 sigma is an outlier ...
-REJECTIONS_MAX = 5  # ... unless the next ones agree with it
+SPEED_SCALE_SIGMA: Final = 0.02  # 1 % tyre radius, 1 % driving and braking slip
+SPEED_SCALE_LENGTH_M: Final = 500.0
+CURVATURE_SCALE_SIGMA: Final = 0.03  # understeer that changes with speed
+CURVATURE_SCALE_LENGTH_M: Final = 500.0
+CURVATURE_OFFSET_SIGMA_PER_M: Final = 0.0005  # 0.05 rad at a steering wheel of 40:1
+CURVATURE_OFFSET_LENGTH_M: Final = 3000.0
+CURVATURE_LAG_SIGMA_S: Final = 0.05
+CURVATURE_LAG_LENGTH_M: Final = 1000.0
+GATE_SIGMAS2: Final = 36.0  # a fix farther off than 6 sigma is an outlier ...
+REJECTIONS_MAX: Final = 5  # ... unless the next ones agree with it
 
 _X, _Y, _HEADING, _SPEED_SCALE = range(4)
-_CORRECTION = slice(3, 7)  # speed scale, curvature scale, offset and lag
-_NOMINAL = np.array([1.0, 1.0, 0.0, 0.0])
-_IDENTITY = np.eye(7)
-_POSITION = slice(0, 2)
+_CORRECTION: Final = slice(3, 7)  # speed scale, curvature scale, offset and lag
+_NOMINAL: Final = np.array([1.0, 1.0, 0.0, 0.0])
+_IDENTITY: Final = np.eye(7)
+_POSITION: Final = slice(0, 2)
 # Per metre: loss of the corrections' deviation from nominal, and noise that keeps their spread.
-_DECAY_PER_M = np.array(
+_DECAY_PER_M: Final = np.array(
     [
         0.0,
         0.0,
@@ -69,7 +70,7 @@ _DECAY_PER_M = np.array(
         1.0 / CURVATURE_LAG_LENGTH_M,
     ]
 )
-_START_VARIANCE = np.array(
+_START_VARIANCE: Final = np.array(
     [
         START_SIGMA_M**2,
         START_SIGMA_M**2,
@@ -80,12 +81,12 @@ _START_VARIANCE = np.array(
         CURVATURE_LAG_SIGMA_S**2,
     ]
 )
-_WALK_PER_M = np.diag(
+_WALK_PER_M: Final = np.diag(
     [POSITION_WALK_M2_PER_M, POSITION_WALK_M2_PER_M, HEADING_WALK_RAD2_PER_M, *4 * [0.0]]
 ) + np.diag(2.0 * _DECAY_PER_M * _START_VARIANCE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class OdometryCorrection:
     """What the fixes have taught about the odometry.
 
@@ -96,19 +97,37 @@ class OdometryCorrection:
         curvature_lag_s: How much later the true curvature comes.
     """
 
-    speed_scale: float
-    curvature_scale: float
-    curvature_offset_per_m: float
-    curvature_lag_s: float
+    speed_scale: Final[float]
+    curvature_scale: Final[float]
+    curvature_offset_per_m: Final[float]
+    curvature_lag_s: Final[float]
+
+    def __init__(
+        self,
+        *,
+        speed_scale: float,
+        curvature_scale: float,
+        curvature_offset_per_m: float,
+        curvature_lag_s: float,
+    ) -> None:
+        self.speed_scale = speed_scale
+        self.curvature_scale = curvature_scale
+        self.curvature_offset_per_m = curvature_offset_per_m
+        self.curvature_lag_s = curvature_lag_s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class _Motion:
     """A measurement of the odometry."""
 
-    time_ns: int
-    speed_mps: float
-    curvature_per_m: float
+    time_ns: Final[int]
+    speed_mps: Final[float]
+    curvature_per_m: Final[float]
+
+    def __init__(self, time_ns: int, speed_mps: float, curvature_per_m: float) -> None:
+        self.time_ns = time_ns
+        self.speed_mps = speed_mps
+        self.curvature_per_m = curvature_per_m
 
     def until(self, time_ns: int, later: "_Motion") -> "_Motion":
         """Return the motion at a time between this measurement and a later one."""
@@ -124,14 +143,26 @@ class _Motion:
         return _Motion(time_ns, self.speed_mps, self.curvature_per_m)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class _Step:
     """Motion between two measurements, taken as their mean and corrected."""
 
-    distance_m: float
-    measured_curvature_per_m: float
-    swing_radps: float  # speed times the change of measured curvature: turn per second of lag
-    turn_rad: float
+    distance_m: Final[float]
+    measured_curvature_per_m: Final[float]
+    swing_radps: Final[float]  # speed times the change of curvature: turn per second of lag
+    turn_rad: Final[float]
+
+    def __init__(
+        self,
+        distance_m: float,
+        measured_curvature_per_m: float,
+        swing_radps: float,
+        turn_rad: float,
+    ) -> None:
+        self.distance_m = distance_m
+        self.measured_curvature_per_m = measured_curvature_per_m
+        self.swing_radps = swing_radps
+        self.turn_rad = turn_rad
 
     @classmethod
     def between(cls, before: _Motion, after: _Motion, correction: OdometryCorrection) -> "_Step":

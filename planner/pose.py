@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Pose:
     """Where the vehicle is.
 
@@ -14,9 +15,14 @@ class Pose:
         heading_rad: Anticlockwise from the x axis; any multiple of a turn is allowed.
     """
 
-    x_m: float
-    y_m: float
-    heading_rad: float
+    x_m: Final[float]
+    y_m: Final[float]
+    heading_rad: Final[float]
+
+    def __init__(self, *, x_m: float, y_m: float, heading_rad: float) -> None:
+        self.x_m = x_m
+        self.y_m = y_m
+        self.heading_rad = heading_rad
 
 
 def wrap_angle(angle_rad: float) -> float:

@@ -19,6 +19,7 @@ d l^2 / 2 beside the line; so the biases the localiser has learned are taken out
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -28,15 +29,17 @@ from planner.pose import Pose, wrap_angle
 from planner.road import FloatArray
 from planner.tracker import LineTracker
 
-CURVATURE_PER_M_MAX = math.tan(9.25 / 40.0) / 2.360  # TABBY EVO: steering stop, ratio, wheelbase
-CRAWL_MPS = 0.8  # least speed asked for before the end, or a plan from standstill never starts
-STOP_SHORT_M = 0.3  # rolled from crawling speed to rest
-DONE_SPEED_MPS = 0.1
-LOST_M = 3.0  # farther off the line, the planner stops instead of hunting for it
-LOST_RAD = math.radians(75.0)
+# TABBY EVO: steering stop, ratio, wheelbase
+CURVATURE_PER_M_MAX: Final = math.tan(9.25 / 40.0) / 2.360
+# Least speed asked for before the end, or a plan from standstill never starts.
+CRAWL_MPS: Final = 0.8
+STOP_SHORT_M: Final = 0.3  # rolled from crawling speed to rest
+DONE_SPEED_MPS: Final = 0.1
+LOST_M: Final = 3.0  # farther off the line, the planner stops instead of hunting for it
+LOST_RAD: Final = math.radians(75.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Decision:
     """What the planner asks of the vehicle.
 
@@ -49,12 +52,29 @@ class Decision:
         lateral_error_m: Of the pose given, left of the line positive.
     """
 
-    speed_mps: float
-    curvature_per_m: float
-    done: bool
-    lost: bool
-    progress_m: float
-    lateral_error_m: float
+    speed_mps: Final[float]
+    curvature_per_m: Final[float]
+    done: Final[bool]
+    lost: Final[bool]
+    progress_m: Final[float]
+    lateral_error_m: Final[float]
+
+    def __init__(
+        self,
+        *,
+        speed_mps: float,
+        curvature_per_m: float,
+        done: bool,
+        lost: bool,
+        progress_m: float,
+        lateral_error_m: float,
+    ) -> None:
+        self.speed_mps = speed_mps
+        self.curvature_per_m = curvature_per_m
+        self.done = done
+        self.lost = lost
+        self.progress_m = progress_m
+        self.lateral_error_m = lateral_error_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,11 +1,12 @@
 """Where a moving point is on a line: nearest point by local search, in constant time."""
 
 import math
+from typing import Final
 
 from planner.line import Line
 from planner.pose import Pose
 
-LOOK_M = 12.0  # how far from the last place the nearest point is searched, in one call
+LOOK_M: Final = 12.0  # how far from the last place the nearest point is searched, in one call
 
 
 class LineTracker:

@@ -197,8 +197,7 @@ def _node(
     sent = sum(count for can_id, count in counts.items() if SPECS[can_id].sender == name)
     message = None
     if name in _DRIVER_MESSAGE:
-        item_of = {SPECS[can_id].name: found for can_id, found in endpoint.latest.items()}
-        found = item_of.get(_DRIVER_MESSAGE[name])
+        found = endpoint.newest(_DRIVER_MESSAGE[name])
         message = None if found is None else found.content
     return NodeStatus(
         name=name,

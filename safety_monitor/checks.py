@@ -5,33 +5,54 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
-from dbc.messages import ErrorCode, Mode, MonitorReason, SupervisorState
+from dbc.messages import (
+    BrakeDriver,
+    Mode,
+    MonitorReason,
+    SteerDriver,
+    SupervisorState,
+    ThrottleDriver,
+)
 from safety_monitor.verdict import Severity
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
-RATE_BURST = 8
+RATE_BURST: Final = 8
 """Frames of one identifier that may arrive together: a receiver 50 ms late finds five or six."""
 
-ANGLE_WINDOW_NS = 50_000_000
+ANGLE_WINDOW_NS: Final = 50_000_000
 """Span over which the steering rate is measured: sensor noise of 2 mrad makes 0.06 rad/s."""
 
-JERK_WINDOW_NS = 500_000_000
+JERK_WINDOW_NS: Final = 500_000_000
 """ISO 11270 averages lateral jerk over half a second."""
 
-ENVELOPE_HOLD_NS = 30_000_000
+ENVELOPE_HOLD_NS: Final = 30_000_000
 """A limit must be exceeded this long, four readings in a row: one bad one does not brake."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Finding:
     """Something a check does not like. `share` is the measured value over its limit."""
 
-    reason: MonitorReason
-    severity: Severity
-    identifier: int = 0
-    share: float = 0.0
+    reason: Final[MonitorReason]
+    severity: Final[Severity]
+    identifier: Final[int]
+    share: Final[float]
+
+    def __init__(
+        self,
+        *,
+        reason: MonitorReason,
+        severity: Severity,
+        identifier: int = 0,
+        share: float = 0.0,
+    ) -> None:
+        self.reason = reason
+        self.severity = severity
+        self.identifier = identifier
+        self.share = share
 
 
 class Persistence:
@@ -96,9 +117,9 @@ class Slope:
         return (value - began) * NS_PER_S / (now_ns - began_ns)
 
 
-DRIVING = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+DRIVING: Final = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 
-ALLOWED_AFTER: dict[Mode, frozenset[Mode]] = {
+ALLOWED_AFTER: Final[dict[Mode, frozenset[Mode]]] = {
     Mode.INIT: frozenset({Mode.INIT, Mode.MANUAL, Mode.EMERGENCY}),
     Mode.MANUAL: frozenset({Mode.MANUAL, Mode.READY, Mode.INIT}),
     Mode.READY: frozenset({Mode.READY, Mode.MANUAL, Mode.AUTOMATIC, Mode.EMERGENCY, Mode.INIT}),
@@ -114,7 +135,7 @@ One frame may be lost, so what two transitions in a row give is allowed too wher
 a supervisor that restarts (INIT) is legal only while nothing drives."""
 assert set(ALLOWED_AFTER) == set(Mode)
 
-AUTHORISES: dict[Mode, tuple[bool, bool, bool]] = {
+AUTHORISES: Final[dict[Mode, tuple[bool, bool, bool]]] = {
     Mode.INIT: (False, False, False),
     Mode.MANUAL: (False, False, False),
     Mode.READY: (False, False, False),
@@ -169,6 +190,8 @@ def _keeps_its_word(last: SupervisorState, state: SupervisorState) -> bool:
     return True
 
 
-def reported_codes(message: object) -> list[ErrorCode]:
-    """Codes but ER0 that a driver frame reports: each denies a drive."""
-    return [ErrorCode(n) for n in range(1, 7) if getattr(message, f"er{n}")]
+def reports_code(message: SteerDriver | ThrottleDriver | BrakeDriver) -> bool:
+    """Whether a driver frame reports any code but ER0: each denies a drive."""
+    return (
+        message.er1 or message.er2 or message.er3 or message.er4 or message.er5 or message.er6
+    )

@@ -6,10 +6,11 @@ The vehicle file is its only source; nothing here is shared with an ECU or with 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from vehicles import Vehicle
 
-EXPOSED = (
+EXPOSED: Final = (
     "speed_mps_max",
     "lateral_acceleration_mps2_max",
     "lateral_jerk_mps3_max",
@@ -19,12 +20,12 @@ EXPOSED = (
 """Readable by SDO, never writable (object 0x2100)."""
 
 
-FOLLOW_MARGIN = 1.25
+FOLLOW_MARGIN: Final = 1.25
 """Times in which a command must have been followed, over what the vehicle file needs for it."""
-FOLLOW_LAG_NS = 500_000_000
+FOLLOW_LAG_NS: Final = 500_000_000
 """On top: dead time, the last bit of approach, and the divergence limit's own persistence."""
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import NmtState
@@ -41,7 +42,7 @@ from safety_monitor.checks import (
     Finding,
     ModeRules,
     RateLimit,
-    reported_codes,
+    reports_code,
 )
 from safety_monitor.envelope import EXPOSED, Limits
 from safety_monitor.following import NOTHING_TO_FOLLOW, Errors, FollowingChecks
@@ -50,26 +51,29 @@ from safety_monitor.ports import MonitorSensors
 from safety_monitor.verdict import VERDICT_OF, Phase, Severity
 from vehicles import Vehicle
 
-NAME = "SafetyMonitor"
-NS_PER_MS = 1_000_000
-PROOF_NS = 500_000_000
+NAME: Final = "SafetyMonitor"
+NS_PER_MS: Final = 1_000_000
+PROOF_NS: Final = 500_000_000
 """Everything must have been healthy this long without a gap."""
-DOUBT_NS = 1_000_000_000
+DOUBT_NS: Final = 1_000_000_000
 """A doubt denies this long after it was last seen."""
-REQUEST_NS = 500_000_000
+REQUEST_NS: Final = 500_000_000
 """An engage request this old still explains a beginning drive."""
-DECISION_MARGIN_MS = 30
+DECISION_MARGIN_MS: Final = 30
 """The actuators act on a stale decision first; past this the monitor does."""
-VALUE_MAX = 4095
+VALUE_MAX: Final = 4095
 """What SAFETY_VERDICT can carry, in thousandths of the limit."""
 
-_DRIVERS = ("STEER_DRIVER", "THROTTLE_DRIVER", "BRAKE_DRIVER")
-_COMMANDS = ("STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND")
-_WATCHED = tuple(
+_DRIVERS: Final = ("STEER_DRIVER", "THROTTLE_DRIVER", "BRAKE_DRIVER")
+_COMMANDS: Final = ("STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND")
+_STATE_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+_REQUEST_ID: Final = SPEC_OF_NAME["MODE_REQUEST"].can_id
+_WATCHED: Final = tuple(
     spec for spec in SPECS.values() if spec.data_id is not None and spec.sender != NAME
 )
-_CYCLIC = tuple(spec for spec in _WATCHED if spec.timeout_ns)
-_LATE_REASON = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
+_NOTHING: Final = Finding(reason=MonitorReason.NONE, severity=Severity.NONE)
+_NOT_PROVEN_YET: Final = Finding(reason=MonitorReason.STARTING, severity=Severity.NONE)
+_LATE_REASON: Final = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
 
 
 class SafetyMonitor:
@@ -80,7 +84,6 @@ class SafetyMonitor:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._limits = Limits.of(vehicle)
-        self._endpoint = Endpoint(NAME, ["FAILSAFE", *(spec.name for spec in _WATCHED)])
         eds = files("dbc").joinpath("eds", "safety_monitor.eds").read_text(encoding="utf-8")
         self._canopen = CanopenNode(
             NODE_IDS[NAME],
@@ -89,6 +92,12 @@ class SafetyMonitor:
             vehicle_hash=configuration_hash(vehicle.text),
             parameters={name: getattr(self._limits, name) for name in EXPOSED},
         )
+        self._endpoint = Endpoint(
+            NAME, ["FAILSAFE", *(spec.name for spec in _WATCHED)], self._canopen.acceptance
+        )
+        self._cyclic = [
+            self._endpoint.subscription(spec.name) for spec in _WATCHED if spec.timeout_ns
+        ]
         self._cycle = CycleWatch()
         self._rates = {
             spec.can_id: RateLimit(spec.min_interval_ns)
@@ -118,8 +127,8 @@ class SafetyMonitor:
         self._events = []
         findings: list[Finding] = []
         self._check_cycle(now_ns, findings)
-        frames = self._canopen_frames(now_ns, received)
         messages = self._endpoint.take(received)
+        frames = self._canopen_frames(now_ns)
         self._check_traffic(received, findings)
         self._check_silence(now_ns, findings)
         self._check_supervisor(messages, findings)
@@ -187,22 +196,23 @@ class SafetyMonitor:
         self._doubt = (self._now_ns, doubt)
 
     def _check_silence(self, now_ns: int, findings: list[Finding]) -> None:
-        for spec in _CYCLIC:
-            age_ns = self._endpoint.age_ns(spec.name, now_ns)
-            if age_ns is None:
-                findings.append(_hazard(MonitorReason.FRAME_MISSING, spec.can_id))
-            elif age_ns > spec.timeout_ns:
-                share = age_ns / spec.timeout_ns
-                findings.append(_hazard(MonitorReason.FRAME_LATE, spec.can_id, share))
+        for wanted in self._cyclic:
+            if wanted.newest is None:
+                findings.append(_hazard(MonitorReason.FRAME_MISSING, wanted.can_id))
+            elif not wanted.is_fresh(now_ns):
+                share = (now_ns - wanted.newest.arrival_ns) / wanted.timeout_ns
+                findings.append(_hazard(MonitorReason.FRAME_LATE, wanted.can_id, share))
 
     def _check_supervisor(self, messages: Sequence[Message], findings: list[Finding]) -> None:
         for message in messages:
-            content = message.content
-            if isinstance(content, ModeRequest) and content.request is Request.ENGAGE:
-                self._requested_ns = message.arrival_ns
-            if isinstance(content, SupervisorState):
-                self._judge_state(message, content, findings)
-            if message.can_id == FAILSAFE_ID:  # obeyed by all, always
+            can_id = message.can_id
+            if can_id == _STATE_ID:
+                self._judge_state(message, message.content, findings)
+            elif can_id == _REQUEST_ID:
+                request: ModeRequest = message.content
+                if request.request is Request.ENGAGE:
+                    self._requested_ns = message.arrival_ns
+            elif can_id == FAILSAFE_ID:  # obeyed by all, always
                 findings.append(_hazard(MonitorReason.EMERGENCY_STOP, FAILSAFE_ID))
 
     def _judge_state(
@@ -228,7 +238,7 @@ class SafetyMonitor:
             return
         for name in _DRIVERS:
             message = self._endpoint.newest(name)
-            if message is not None and reported_codes(message.content):
+            if message is not None and reports_code(message.content):
                 reason = MonitorReason.ERROR_REPORTED
                 findings.append(
                     Finding(
@@ -288,7 +298,7 @@ class SafetyMonitor:
     def _decide(self, now_ns: int, findings: list[Finding]) -> None:
         if self._doubt is not None and now_ns - self._doubt[0] <= DOUBT_NS:
             findings.append(self._doubt[1])
-        worst = max(findings, key=lambda finding: finding.severity, default=None)
+        worst = max(findings, key=lambda finding: finding.severity) if findings else None
         severity = Severity.NONE if worst is None else worst.severity
         if severity is not Severity.NONE:
             self._healthy_since_ns = None
@@ -320,16 +330,12 @@ class SafetyMonitor:
             return self._veto
         if worst is not None:
             return worst
-        reason = MonitorReason.NONE if verdict is Verdict.PERMIT else MonitorReason.STARTING
-        return Finding(reason=reason, severity=Severity.NONE)
+        return _NOTHING if verdict is Verdict.PERMIT else _NOT_PROVEN_YET
 
     # What is sent ----------------------------------------------------------------------------
 
-    def _canopen_frames(self, now_ns: int, received: Sequence[ReceivedFrame]) -> list[Frame]:
-        ids = self._canopen.acceptance
-        frames = self._canopen.step(
-            now_ns, [item.frame for item in received if item.frame.can_id in ids]
-        )
+    def _canopen_frames(self, now_ns: int) -> list[Frame]:
+        frames = self._canopen.step(now_ns, self._endpoint.handed_on)
         for event in self._canopen.poll_events():
             assert event.command is not None  # nothing is writable here: NMT commands alone
             self._event(EventKind.NMT, f"obeyed {event.command.name}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from dbc.messages import MonitorReason
 from safety_monitor.checks import (
@@ -17,31 +18,64 @@ from safety_monitor.checks import (
 from safety_monitor.envelope import Limits
 from safety_monitor.verdict import Severity
 
-STEER_STATUS_ID = 0x182
-THROTTLE_STATUS_ID = 0x183
-BRAKE_STATUS_ID = 0x184
+STEER_STATUS_ID: Final = 0x182
+THROTTLE_STATUS_ID: Final = 0x183
+BRAKE_STATUS_ID: Final = 0x184
 
-STEERING_DIVERGENCE_NS = 200_000_000
-SPEED_DIVERGENCE_NS = 1_000_000_000
-AXLE_DIVERGENCE_NS = 200_000_000
-BRAKE_DIVERGENCE_NS = 450_000_000
+STEERING_DIVERGENCE_NS: Final = 200_000_000
+SPEED_DIVERGENCE_NS: Final = 1_000_000_000
+AXLE_DIVERGENCE_NS: Final = 200_000_000
+BRAKE_DIVERGENCE_NS: Final = 450_000_000
 """Longer than the servo's full travel of 0.29 s and its stick."""
-AXLE_SPEED_DIVERGENCE_MPS = 1.0
+AXLE_SPEED_DIVERGENCE_MPS: Final = 1.0
 """Driven and rear wheels; a locked or spinning axle may differ for a moment."""
-_R = MonitorReason
+_R: Final = MonitorReason
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Motion:
     """What the status frames say; NaN where they say nothing."""
 
-    wheel_angle_rad: float
-    applied_wheel_angle_rad: float
-    front_speed_radps: float
-    applied_speed_radps: float
-    rear_speed_radps: float
-    servo_ratio: float
-    applied_servo_ratio: float
+    wheel_angle_rad: Final[float]
+    applied_wheel_angle_rad: Final[float]
+    front_speed_radps: Final[float]
+    applied_speed_radps: Final[float]
+    rear_speed_radps: Final[float]
+    servo_ratio: Final[float]
+    applied_servo_ratio: Final[float]
+
+    def __init__(
+        self,
+        *,
+        wheel_angle_rad: float,
+        applied_wheel_angle_rad: float,
+        front_speed_radps: float,
+        applied_speed_radps: float,
+        rear_speed_radps: float,
+        servo_ratio: float,
+        applied_servo_ratio: float,
+    ) -> None:
+        self.wheel_angle_rad = wheel_angle_rad
+        self.applied_wheel_angle_rad = applied_wheel_angle_rad
+        self.front_speed_radps = front_speed_radps
+        self.applied_speed_radps = applied_speed_radps
+        self.rear_speed_radps = rear_speed_radps
+        self.servo_ratio = servo_ratio
+        self.applied_servo_ratio = applied_servo_ratio
+
+
+class Bound:
+    """A quantity with its limit, and how long it has been exceeded."""
+
+    __slots__ = ("identifier", "limit", "persistence", "reason")
+
+    def __init__(
+        self, reason: MonitorReason, identifier: int, limit: float, hold_ns: int = ENVELOPE_HOLD_NS
+    ) -> None:
+        self.reason = reason
+        self.identifier = identifier
+        self.limit = limit
+        self.persistence = Persistence(hold_ns)
 
 
 class MotionChecks:
@@ -51,25 +85,29 @@ class MotionChecks:
         self._limits = limits
         self._rate = Slope(ANGLE_WINDOW_NS)
         self._jerk = Slope(JERK_WINDOW_NS)
-        hold = ENVELOPE_HOLD_NS
-        self._persistence = {
-            _R.SPEED: Persistence(hold),
-            _R.STEERING_ANGLE: Persistence(hold),
-            _R.STEERING_RATE: Persistence(hold),
-            _R.LATERAL_ACCELERATION: Persistence(hold),
-            _R.LATERAL_JERK: Persistence(hold),
-            _R.STEERING_DIVERGENCE: Persistence(STEERING_DIVERGENCE_NS),
-            _R.SPEED_DIVERGENCE: Persistence(SPEED_DIVERGENCE_NS),
-            _R.BRAKE_DIVERGENCE: Persistence(BRAKE_DIVERGENCE_NS),
-        }
+        steer, throttle = STEER_STATUS_ID, THROTTLE_STATUS_ID
+        self._bounds = (  # in the order of `_values`
+            Bound(_R.SPEED, throttle, limits.speed_mps_max),
+            Bound(_R.STEERING_ANGLE, steer, limits.wheel_angle_rad_max),
+            Bound(_R.STEERING_RATE, steer, limits.wheel_rate_radps_max),
+            Bound(_R.LATERAL_ACCELERATION, steer, limits.lateral_acceleration_mps2_max),
+            Bound(_R.LATERAL_JERK, steer, limits.lateral_jerk_mps3_max),
+            Bound(_R.STEERING_DIVERGENCE, steer, limits.wheel_angle_divergence_rad_max,
+                  STEERING_DIVERGENCE_NS),
+            Bound(_R.SPEED_DIVERGENCE, throttle, limits.speed_divergence_mps_max,
+                  SPEED_DIVERGENCE_NS),
+            Bound(_R.BRAKE_DIVERGENCE, BRAKE_STATUS_ID, limits.brake_divergence_ratio_max,
+                  BRAKE_DIVERGENCE_NS),
+        )
         self._axles = Persistence(AXLE_DIVERGENCE_NS)
 
     def judge(self, now_ns: int, motion: Motion) -> list[Finding]:
         """Limits exceeded for long enough, and measured values that are not available."""
-        findings = []
-        for reason, identifier, share in self._shares(now_ns, motion):
-            if self._persistence[reason].holds(share > 1.0, now_ns):
-                findings.append(self._finding(reason, identifier, share))
+        findings: list[Finding] = []
+        for bound, value in zip(self._bounds, self._values(now_ns, motion), strict=True):
+            share = abs(value) / bound.limit
+            if bound.persistence.holds(share > 1.0, now_ns):
+                findings.append(self._finding(bound.reason, bound.identifier, share))
         for identifier, value in (
             (STEER_STATUS_ID, motion.wheel_angle_rad),
             (THROTTLE_STATUS_ID, motion.front_speed_radps),
@@ -89,35 +127,24 @@ class MotionChecks:
             reason=reason, severity=Severity.HAZARD, identifier=identifier, share=share
         )
 
-    def _shares(self, now_ns: int, m: Motion) -> list[tuple[MonitorReason, int, float]]:
-        """Each quantity over its limit. A setpoint that is not available cannot diverge."""
+    def _values(self, now_ns: int, m: Motion) -> list[float]:
+        """What is bounded. A setpoint that is not available cannot diverge."""
         limits = self._limits
         radius_m = limits.wheel_radius_m
-        speed_mps = max(abs(m.front_speed_radps), abs(m.rear_speed_radps)) * radius_m
         road_wheel_rad = m.wheel_angle_rad / limits.steering_ratio
         curvature_per_m = math.tan(road_wheel_rad) / limits.wheelbase_m
         # The rear wheels roll at the speed of the reference point (UAH, after Eq. 9).
         lateral_mps2 = (m.rear_speed_radps * radius_m) ** 2 * curvature_per_m
-        rate_radps = self._rate.update(now_ns, m.wheel_angle_rad)
-        jerk_mps3 = self._jerk.update(now_ns, lateral_mps2)
-        angle_error_rad = m.applied_wheel_angle_rad - m.wheel_angle_rad
-        speed_error_mps = (m.applied_speed_radps - m.front_speed_radps) * radius_m
-        servo_error = m.applied_servo_ratio - m.servo_ratio
-        pairs = (
-            (_R.SPEED, THROTTLE_STATUS_ID, speed_mps, limits.speed_mps_max),
-            (_R.STEERING_ANGLE, STEER_STATUS_ID, m.wheel_angle_rad, limits.wheel_angle_rad_max),
-            (_R.STEERING_RATE, STEER_STATUS_ID, rate_radps, limits.wheel_rate_radps_max),
-            (_R.LATERAL_ACCELERATION, STEER_STATUS_ID, lateral_mps2,
-             limits.lateral_acceleration_mps2_max),
-            (_R.LATERAL_JERK, STEER_STATUS_ID, jerk_mps3, limits.lateral_jerk_mps3_max),
-            (_R.STEERING_DIVERGENCE, STEER_STATUS_ID, angle_error_rad,
-             limits.wheel_angle_divergence_rad_max),
-            (_R.SPEED_DIVERGENCE, THROTTLE_STATUS_ID, speed_error_mps,
-             limits.speed_divergence_mps_max),
-            (_R.BRAKE_DIVERGENCE, BRAKE_STATUS_ID, servo_error,
-             limits.brake_divergence_ratio_max),
-        )
-        return [(reason, can_id, abs(value) / limit) for reason, can_id, value, limit in pairs]
+        return [
+            max(abs(m.front_speed_radps), abs(m.rear_speed_radps)) * radius_m,
+            m.wheel_angle_rad,
+            self._rate.update(now_ns, m.wheel_angle_rad),
+            lateral_mps2,
+            self._jerk.update(now_ns, lateral_mps2),
+            m.applied_wheel_angle_rad - m.wheel_angle_rad,
+            (m.applied_speed_radps - m.front_speed_radps) * radius_m,
+            m.applied_servo_ratio - m.servo_ratio,
+        ]
 
     def _axle_share(self, m: Motion) -> float:
         """Driven against rear wheels: an encoder that lies shows here."""

@@ -10,6 +10,7 @@ Rules:
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
 
 from dbc.messages import Verdict
 
@@ -37,7 +38,7 @@ class Phase(IntEnum):
 
 _S, _P, _V = Severity, Phase, Verdict
 
-VERDICT_OF: dict[Phase, dict[Severity, Verdict]] = {
+VERDICT_OF: Final[dict[Phase, dict[Severity, Verdict]]] = {
     _P.UNPROVEN: {_S.NONE: _V.DENY, _S.DOUBT: _V.DENY, _S.HAZARD: _V.DENY},
     _P.PROVEN: {_S.NONE: _V.PERMIT, _S.DOUBT: _V.DENY, _S.HAZARD: _V.DENY},
     _P.DRIVING: {_S.NONE: _V.PERMIT, _S.DOUBT: _V.PERMIT, _S.HAZARD: _V.BRAKE},

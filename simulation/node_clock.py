@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from canbus.frame import Frame, ReceivedFrame
 
-PPM = 1_000_000
+PPM: Final = 1_000_000
 
 
 class NodeClock:

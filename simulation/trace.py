@@ -5,12 +5,17 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from canbus.frame import Frame
 
-_HEAD = struct.Struct("<QIBB")
+_HEAD: Final = struct.Struct("<QIBB")
 
 TraceRow = tuple[int, str, Frame]
+
+
+HASHED_BYTES: Final = 1 << 14
+"""So much is gathered before it is hashed: many short pieces would cost more than their bytes."""
 
 
 class Trace:
@@ -22,19 +27,30 @@ class Trace:
 
     def __init__(self, *, keep: bool = True) -> None:
         self._hash = hashlib.sha256()
+        self._gathered = bytearray()
         self._keep = keep
         self.rows: list[TraceRow] = []
 
     def __call__(self, true_ns: int, sender: str, frame: Frame) -> None:
         """Takes one frame in."""
-        head = _HEAD.pack(true_ns, frame.can_id, frame.kind, len(frame.data))
-        self._hash.update(head + frame.data + sender.encode())
+        data = frame.data
+        gathered = self._gathered
+        gathered += _HEAD.pack(true_ns, frame.can_id, frame.kind, len(data))
+        gathered += data
+        gathered += sender.encode()
+        if len(gathered) >= HASHED_BYTES:
+            self._hash_gathered()
         if self._keep:
             self.rows.append((true_ns, sender, frame))
+
+    def _hash_gathered(self) -> None:
+        self._hash.update(self._gathered)
+        self._gathered.clear()
 
     @property
     def sha256(self) -> str:
         """Hash of time, sender, identifier, kind and data of all frames so far."""
+        self._hash_gathered()
         return self._hash.hexdigest()
 
 

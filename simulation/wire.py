@@ -8,7 +8,7 @@ A frame is heard at its end, and the next begins after the interframe space at t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from canbus.frame import Frame, FrameKind
 from canbus.timing import INTERFRAME_SPACE_BITS, bits_time_ns, frame_time_ns
@@ -34,10 +34,10 @@ from simulation.disturbance import (
 from simulation.kernel import Action, Kernel
 from simulation.recovery import Recovery
 
-WIRE_PRIORITY = 0
+WIRE_PRIORITY: Final = 0
 """Frames end before nodes step at the same instant."""
 
-LOAD_WINDOW_NS = 100_000_000
+LOAD_WINDOW_NS: Final = 100_000_000
 """Span over which the largest bus load is told."""
 
 BUS_OFF_FRAME = Frame(ERROR_BUS_OFF, bytes(8), FrameKind.ERROR)
@@ -86,7 +86,7 @@ class Wire:
         self._space_ns = bits_time_ns(INTERFRAME_SPACE_BITS, bitrate_bps)
         self._suspend_ns = bits_time_ns(SUSPEND_BITS, bitrate_bps)
         self._stations: dict[str, Station] = {}
-        self._receivers: dict[tuple[str, int], list[Station]] = {}
+        self._routes: dict[int, tuple[Controller, list[Station]]] = {}
         self._arbitration = Arbitration()
         self._pending = self._arbitration.pending
         self._is_begun = False  # a frame is under way, or its begin is planned
@@ -111,7 +111,7 @@ class Wire:
     def attach(self, station: Station, settings: ControllerSettings = DEFAULT_SETTINGS) -> None:
         """Adds a station; order of attachment is order of delivery."""
         self._stations[station.name] = station
-        self._receivers.clear()
+        self._routes.clear()
         self._add(station.name, settings)
 
     def _add(self, name: str, settings: ControllerSettings = DEFAULT_SETTINGS) -> Controller:
@@ -184,9 +184,10 @@ class Wire:
         self.frames += 1
         for witness in self.witnesses:
             witness(true_ns, controller.name, frame)
-        receivers = self._receivers.get((controller.name, frame.can_id))
-        if receivers is None:
-            receivers = self._route(controller.name, frame.can_id)
+        route = self._routes.get(frame.can_id)
+        if route is None or route[0] is not controller:
+            route = self._route(controller, frame.can_id)
+        receivers = route[1]
         item = (true_ns, frame)
         if not self.filters and not self._lost_for and len(self._current) == 1:
             for station in receivers:
@@ -214,15 +215,16 @@ class Wire:
             ):
                 station.inbox.append(item)
 
-    def _route(self, sender: str, can_id: int) -> list[Station]:
-        """The stations that want this sender's frames, by their acceptance filters."""
-        route = self._receivers[sender, can_id] = [
+    def _route(self, sender: Controller, can_id: int) -> tuple[Controller, list[Station]]:
+        """The sender, and the stations that want these frames of his by their filters."""
+        receivers = [
             station
             for name, station in self._stations.items()
-            if name != sender
+            if name != sender.name
             and self.controllers[name].is_on_bus
             and (station.acceptance is None or can_id in station.acceptance)
         ]
+        route = self._routes[can_id] = (sender, receivers)
         return route
 
     def _go_on(self, true_ns: int) -> None:
@@ -355,7 +357,7 @@ class Wire:
         self._current = [entry for entry in self._current if entry[2] is not controller]
         self._recoveries = [r for r in self._recoveries if r.controller is not controller]
         controller.drop_out()
-        self._receivers.clear()
+        self._routes.clear()
         self._on_bus = sum(other.is_on_bus for other in self.controllers.values())
 
     def _restart(self, true_ns: int, controller: Controller, absence: int) -> None:
@@ -372,7 +374,7 @@ class Wire:
         self._recoveries.remove(recovery)
         recovery.controller.reset()
         self._on_bus += 1
-        self._receivers.clear()
+        self._routes.clear()
 
     def load_mean(self, true_ns: int) -> float:
         """Share of the time since the start in which the wire was busy."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.random import Generator
 
 from canbus.frame import Frame
-from canbus.node import NODE_IDS, PERIOD_NS, Event
+from canbus.node import NODE_IDS, PERIOD_NS, Event, StepOutput
 from ecus.brake_servo.ecu import BrakeServoEcu
 from ecus.steering.ecu import SteeringEcu
 from ecus.supervisor.ecu import SupervisorEcu
@@ -27,11 +27,11 @@ from simulation.trace import Trace
 from simulation.wire import Wire, WireFrame
 from vehicles import Vehicle
 
-STEP_PRIORITY = 1
-PHASE_STEP_NS = 1_370_000
+STEP_PRIORITY: Final = 1
+PHASE_STEP_NS: Final = 1_370_000
 """Nodes begin their cycles apart, as crystals that were switched on by hand do."""
-DRIFT_PPM_MAX = 100
-EPOCH_NS_MAX = 10**12
+DRIFT_PPM_MAX: Final = 100
+EPOCH_NS_MAX: Final = 10**12
 """Clocks show up to 17 minutes at the start: a time taken from another clock is far off."""
 
 Sense = Callable[[int], Any]
@@ -100,23 +100,27 @@ class Station:
         self._world.kernel.at(true_ns, STEP_PRIORITY, self._cycle)
 
     def _cycle(self, true_ns: int) -> None:
-        missed = max(self.clock.local_ns(true_ns) - self._next_ns, 0) // PERIOD_NS
-        self._next_ns += (1 + missed) * PERIOD_NS  # no bursts: what is missed is missed
-        due_ns = self.clock.true_ns(self._next_ns) + self.lateness_ns()
-        due_ns = max(due_ns, true_ns + self.step_ns)
-        self._world.kernel.at(due_ns, STEP_PRIORITY, self._cycle)
+        world, clock = self._world, self.clock
+        now_ns = clock.local_ns(true_ns)
+        late_ns = now_ns - self._next_ns
+        if late_ns >= PERIOD_NS:  # no bursts: what is missed is missed
+            self._next_ns += late_ns // PERIOD_NS * PERIOD_NS
+        self._next_ns += PERIOD_NS
+        due_ns = clock.true_ns(self._next_ns) + self.lateness_ns()
+        world.kernel.at(max(due_ns, true_ns + self.step_ns), STEP_PRIORITY, self._cycle)
         if not self.is_alive:
             self.inbox.clear()
         elif not self.is_frozen:
-            self.step(true_ns)
+            self._step(true_ns, now_ns, self.sense(true_ns))
 
-    def step(self, true_ns: int, sensors: Any = None) -> None:
+    def step(self, true_ns: int, sensors: Any) -> None:
         """One step of the node now; `sensors` in place of what its mounting reads."""
+        self._step(true_ns, self.clock.local_ns(true_ns), sensors)
+
+    def _step(self, true_ns: int, now_ns: int, sensors: Any) -> None:
         heard, self.inbox = self.inbox, []
         received = [] if self.is_deaf else self.clock.received(heard)
-        if sensors is None:
-            sensors = self.sense(true_ns)
-        output = self.node.step(self.clock.local_ns(true_ns), received, sensors)
+        output: StepOutput[Any] = self.node.step(now_ns, received, sensors)
         if output.actuator is not None:
             command = output.actuator
             for between in self.acts:
@@ -124,7 +128,7 @@ class Station:
             self._mounting.act(true_ns, command)
         if output.events:
             self._world.take_events(true_ns, output.events)
-        if not self.is_mute:
+        if output.frames and not self.is_mute:
             frames = output.frames
             for tamper in self.tampers:
                 frames = tamper(true_ns, frames)
@@ -241,6 +245,6 @@ class World:
         """Somebody else's frame on the wire."""
         self.wire.send(self.now_ns, sender, [frame])
 
-    def take_events(self, true_ns: int, events: list[Event]) -> None:
+    def take_events(self, true_ns: int, events: Sequence[Event]) -> None:
         """Keeps what a node reports, with the true time."""
         self.events.extend((true_ns, event) for event in events)

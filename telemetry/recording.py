@@ -6,7 +6,7 @@ import threading
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ from telemetry.bus_log import BusLog
 
 FloatArray = NDArray[np.float64]
 
-RECEIVE_NS = 50_000_000
+RECEIVE_NS: Final = 50_000_000
 """How long the recorder waits for frames before it looks whether it is over."""
 
-STANDSTILL_MPS = 0.05
+STANDSTILL_MPS: Final = 0.05
 """Slower samples count as standing: they are left out of a drive's errors."""
 
 
@@ -144,5 +144,5 @@ class BusRecorder:
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            for arrival_ns, frame in self._bus.receive(RECEIVE_NS):
-                self._log.add(max(0, arrival_ns - self._start_ns), frame)
+            for item in self._bus.receive(RECEIVE_NS):
+                self._log.add(max(0, item.arrival_ns - self._start_ns), item.frame)

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from ecus.common.limits import clamp, towards
 
-ROLLING_MPS_MIN = 0.2
+ROLLING_MPS_MIN: Final = 0.2
 """A car that rolls faster than this is braked again, ER3 or not (design, ER3)."""
 
-STANDSTILL_MPS_MAX = 0.05
-STANDSTILL_NS = 500_000_000
+STANDSTILL_MPS_MAX: Final = 0.05
+STANDSTILL_NS: Final = 500_000_000
 """The car stands when it has been slower than that for this long."""
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class RestInputs:
     """What decides over resting: servo load, speed, and whether traction is known to be cut."""
 
-    is_loaded: bool
-    speed_mps: float
-    is_traction_inhibited: bool
+    is_loaded: Final[bool]
+    speed_mps: Final[float]
+    is_traction_inhibited: Final[bool]
+
+    def __init__(self, is_loaded: bool, speed_mps: float, is_traction_inhibited: bool) -> None:
+        self.is_loaded = is_loaded
+        self.speed_mps = speed_mps
+        self.is_traction_inhibited = is_traction_inhibited
 
 
 class ServoRest:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import BrakeDriver, BrakeStatus, ErrorCode, Mode, Reason
@@ -13,26 +13,26 @@ from ecus.brake_servo.control import RestInputs, ServoRest, approach
 from ecus.brake_servo.mode import ACTION, NOT_DRIVEN, BrakeAction, Situation
 from ecus.brake_servo.params import EXPOSED, BrakeParams
 from ecus.brake_servo.ports import RELEASED, BrakeActuator, BrakeSensors
-from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.driver_input import Debounce
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp
 from ecus.common.node_state import SAFE_STATES
 from vehicles import Vehicle
 
-STUCK_RATIO = 0.3
+STUCK_RATIO: Final = 0.3
 """A servo this far from where it is sent, for longer than its travel takes, is stuck."""
 
-TRAVEL_MARGIN = 1.3
-LOAD_MARGIN_RATIO = 0.02
+TRAVEL_MARGIN: Final = 1.3
+LOAD_MARGIN_RATIO: Final = 0.02
 """Up to its holding force, and this much, the servo may stay on for ever: its continuous rating."""
 
-STOP_GROWTH_PER_S = 0.1
+STOP_GROWTH_PER_S: Final = 0.1
 """A controlled stop that takes too long, downhill for instance, brakes harder and harder."""
 
-POSITION_RATIO_MAX = 1.2
-REAR_SPEED_RADPS_MAX = 200.0
-PERIOD_S = PERIOD_NS * 1e-9
+POSITION_RATIO_MAX: Final = 1.2
+REAR_SPEED_RADPS_MAX: Final = 200.0
+PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
@@ -156,6 +156,19 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
             rear_wheel_speed_radps=self._wheel_speed_radps,
         )
 
-    def _driver(self, flags: dict[str, Any]) -> BrakeDriver:
-        return BrakeDriver(pedal_ratio=self._pedal_ratio, **flags)
+    def _driver(self, told: Told) -> BrakeDriver:
+        er0, er1, er2, er3, er4, er5, er6 = told.er
+        return BrakeDriver(
+            pedal_ratio=self._pedal_ratio,
+            driver_active=told.driver_active,
+            node_state=told.node_state,
+            present_codes=told.present_codes,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
+        )
 

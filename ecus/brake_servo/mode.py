@@ -13,6 +13,7 @@ Rules:
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Final
 
 from dbc.messages import NodeState
 
@@ -42,7 +43,7 @@ class Situation(Enum):
 
 _N, _A, _S = NodeState, BrakeAction, Situation
 
-ACTION: dict[NodeState, dict[Situation, BrakeAction]] = {
+ACTION: Final[dict[NodeState, dict[Situation, BrakeAction]]] = {
     _N.STARTING: dict.fromkeys(_S, _A.NONE),
     _N.RELEASED: dict.fromkeys(_S, _A.RELEASE),
     _N.ACTIVE: {_S.NORMAL: _A.FOLLOW, _S.STOPPING: _A.STOP, _S.RESTING: _A.REST},

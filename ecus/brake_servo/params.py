@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from vehicles import Vehicle
 from vehicles.vehicle import STOP_MARGIN
 
-EXPOSED = (
+EXPOSED: Final = (
     "on_time_s_max",
     "driver_pedal_ratio_max",
     "position_rate_per_s_max",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import EventKind, StepOutput
@@ -28,28 +28,48 @@ from ecus.common.node_state import NODE_STATE_AFTER, SAFE_STATES, NodeEvent
 from ecus.common.shell import Shell
 from vehicles import Vehicle
 
-DRIVING_MODES = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+DRIVING_MODES: Final = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 """Modes in which an authorised axis moves by command."""
 
-NOT_BRAKING_CODES = frozenset({ErrorCode.ER0, ErrorCode.ER3})
+NOT_BRAKING_CODES: Final = frozenset({ErrorCode.ER0, ErrorCode.ER3})
 """ER0: the frame is ignored. ER3: braking goes on while the car moves (design, error codes)."""
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
-CAUSE_AGE_MS_MAX = 65_535
-COMMAND_COMING_NS = 50_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+CAUSE_AGE_MS_MAX: Final = 65_535
+COMMAND_COMING_NS: Final = 50_000_000
 """Younger command frames show that the gateway lives: one of 20 ms may be lost."""
-NEVER_NS = 1 << 62
+NEVER_NS: Final = 1 << 62
 
-CONTESTED_NS = 100_000_000
+CONTESTED_NS: Final = 100_000_000
 """A SUPERVISOR_STATE frame out of sequence may mean two senders of it. For this long no MANUAL
 ends a safe state, and the supervisor's EMERGENCY_BRAKE is believed whatever the mode seems to be:
 it always gets through, as it needs no sequence."""
-SUPERVISOR_STATE_ID = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
-SUPERVISOR_BRAKE_ID = SPEC_OF_NAME["SUPERVISOR_EMERGENCY_BRAKE"].can_id
+SUPERVISOR_STATE_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+SUPERVISOR_BRAKE_ID: Final = SPEC_OF_NAME["SUPERVISOR_EMERGENCY_BRAKE"].can_id
 
 SensorsT = TypeVar("SensorsT")
 ActuatorT = TypeVar("ActuatorT")
+
+
+class Told:
+    """What the driver messages of all three nodes have in common."""
+
+    __slots__ = ("driver_active", "er", "node_state", "present", "present_codes", "reported")
+
+    def __init__(
+        self,
+        driver_active: bool,
+        node_state: NodeState,
+        reported: frozenset[ErrorCode],
+        present: frozenset[ErrorCode],
+    ) -> None:
+        self.driver_active = driver_active
+        self.node_state = node_state
+        self.reported = reported
+        self.present = present
+        self.present_codes = code_bits(present)
+        self.er = code_flags(reported)
 
 
 class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
@@ -75,12 +95,12 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._prefix = prefix
         self._status_name = f"{prefix}_STATUS"
         self._driver_name = f"{prefix}_DRIVER"
-        self._command_id = SPEC_OF_NAME[f"{prefix}_COMMAND"].can_id
+        self._command_name = f"{prefix}_COMMAND"
         self._authorisation = authorisation
         emergency = [s.name for s in SPEC_OF_NAME.values() if s.can_id in STOPPING_IDS]
         own = f"{prefix}_EMERGENCY_BRAKE"
         subscribed = [name for name in emergency if name != own]
-        subscribed += ["FAILSAFE", "SUPERVISOR_STATE", f"{prefix}_COMMAND", *also_subscribed]
+        subscribed += ["FAILSAFE", "SUPERVISOR_STATE", self._command_name, *also_subscribed]
         self.shell = Shell(node, vehicle, eds, subscribed, parameters)
         self.endpoint = self.shell.endpoint
         self.acceptance: frozenset[int] | None = self.shell.acceptance
@@ -93,8 +113,9 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._brake_wish: Cause | None = None
         self._supervisor: SupervisorState | None = None
         self._contested_until_ns = -NEVER_NS
-        self._driver_flags: tuple[Any, ...] | None = None
+        self._told: Told | None = None
         self._driver_due_ns = 0
+        self._driver_cycle_ns = SPEC_OF_NAME[self._driver_name].cycle_ns
 
     # What the subclass gives -----------------------------------------------------------------
 
@@ -111,7 +132,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         """The status message: measured value and echo."""
 
     @abstractmethod
-    def _driver(self, flags: dict[str, Any]) -> Any:
+    def _driver(self, told: Told) -> Any:
         """The driver message: the driver's input, and the given common signals."""
 
     @abstractmethod
@@ -150,7 +171,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             self._apply_parameters({event.name: event.value for event in self.shell.written})
 
     def _hear_supervisor(self, now_ns: int) -> None:
-        if any(bad.frame.can_id == SUPERVISOR_STATE_ID for bad in self.endpoint.bad):
+        bad_frames = self.endpoint.bad
+        if bad_frames and any(bad.frame.can_id == SUPERVISOR_STATE_ID for bad in bad_frames):
             self._contested_until_ns = now_ns + CONTESTED_NS
         state = self.endpoint.get("SUPERVISOR_STATE", SupervisorState)
         if state is None:
@@ -180,7 +202,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         # against the planner: he has the limit's time to decide, counted from the beginning.
         age_ns = min(now_ns - self._active_since_ns, self._decision_age_ns(now_ns))
         if age_ns > self._decision_limit_ns():
-            frame_age_ns = self.endpoint.age_ns(f"{self._prefix}_COMMAND", now_ns)
+            frame_age_ns = self.endpoint.age_ns(self._command_name, now_ns)
             is_coming = frame_age_ns is not None and frame_age_ns <= COMMAND_COMING_NS
             reason = Reason.PLANNER_SILENT if is_coming else Reason.COMMAND_MISSING
             self.shell.add_cause(ErrorCode.ER5, reason, now_ns - age_ns)
@@ -192,19 +214,19 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
 
     def _decision_age_ns(self, now_ns: int) -> int:
         """Age of the planner's decision: as the frame told, and since the frame came."""
-        message = self.endpoint.latest.get(self._command_id)
+        message = self.endpoint.newest(self._command_name)
         if message is None or math.isnan(message.content.decision_age_ms):
             return NEVER_NS
         told_ms: float = message.content.decision_age_ms
-        told_ns = round(told_ms) * NS_PER_MS
-        since_arrival_ns: int = now_ns - message.arrival_ns
-        return told_ns + since_arrival_ns
+        return round(told_ms) * NS_PER_MS + now_ns - message.arrival_ns
 
     def _valid_command(self, now_ns: int) -> Any:
         """The newest command if its decision is young enough to be obeyed, else None."""
         if self._decision_age_ns(now_ns) > self._decision_limit_ns():
             return None
-        return self.endpoint.latest[self._command_id].content
+        message = self.endpoint.newest(self._command_name)
+        assert message is not None  # or its age would be NEVER_NS
+        return message.content
 
     def _event(self, now_ns: int, messages: Sequence[Message]) -> NodeEvent:
         supervisor = self._supervisor
@@ -219,7 +241,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             return NodeEvent.EMERGENCY
         if is_manual and self.state not in SAFE_STATES:
             return NodeEvent.MANUAL
-        if any(cause.code not in NOT_BRAKING_CODES for cause in self.shell.causes):
+        causes = self.shell.causes
+        if causes and any(cause.code not in NOT_BRAKING_CODES for cause in causes):
             return NodeEvent.OWN_CAUSE
         if not is_fresh:
             return NodeEvent.NOTHING
@@ -238,7 +261,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             return True
         if self.state is not NodeState.ACTIVE:  # nothing of ours moves; the supervisor decides
             return is_contested and any(m.can_id == SUPERVISOR_BRAKE_ID for m in messages)
-        return any(m.can_id in STOPPING_IDS or m.can_id == FAILSAFE_ID for m in messages)
+        ids = [message.can_id for message in messages]
+        return FAILSAFE_ID in ids or not STOPPING_IDS.isdisjoint(ids)
 
     def _change_state(self, now_ns: int, event: NodeEvent) -> None:
         before, self.state = self.state, NODE_STATE_AFTER[self.state][event]
@@ -265,9 +289,9 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         if not self.shell.is_operational:
             return frames
         frames.append(self.endpoint.frame(self._status_name, self._status()))
-        flags = self._due_driver_flags(now_ns)
-        if flags is not None:
-            frames.append(self.endpoint.frame(self._driver_name, self._driver(flags)))
+        if self._is_driver_due(now_ns):
+            assert self._told is not None
+            frames.append(self.endpoint.frame(self._driver_name, self._driver(self._told)))
         return frames
 
     def _withdraw_when_heard(self) -> None:
@@ -288,19 +312,20 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             ),
         )
 
-    def _due_driver_flags(self, now_ns: int) -> dict[str, Any] | None:
-        """Common signals of the driver message if it is due: every cycle time, and at once when
-        anything but the analogue value has changed; else None."""
-        codes = self.shell.codes
+    def _is_driver_due(self, now_ns: int) -> bool:
+        """The driver message is due every cycle time, and at once when anything but the analogue
+        value has changed; takes down what it is to tell then."""
+        codes, told = self.shell.codes, self._told
         reported, present = codes.reported(now_ns), codes.present(now_ns)
-        flags = (self.is_driver_active, self.state, reported, present)
-        if flags == self._driver_flags and now_ns < self._driver_due_ns:
-            return None
-        self._driver_flags = flags
-        self._driver_due_ns = now_ns + SPEC_OF_NAME[self._driver_name].cycle_ns - NS_PER_MS
-        return {
-            "driver_active": self.is_driver_active,
-            "node_state": self.state,
-            "present_codes": code_bits(present),
-            **code_flags(reported),
-        }
+        if (
+            told is not None
+            and now_ns < self._driver_due_ns
+            and told.driver_active == self.is_driver_active
+            and told.node_state is self.state
+            and told.reported == reported
+            and told.present == present
+        ):
+            return False
+        self._told = Told(self.is_driver_active, self.state, reported, present)
+        self._driver_due_ns = now_ns + self._driver_cycle_ns - NS_PER_MS
+        return True

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
+from typing import Final
 
 from dbc.messages import ErrorCode, Reason
 
-ER_CODES = 7
-NO_CODES: frozenset[ErrorCode] = frozenset()
+ER_CODES: Final = 7
+NO_CODES: Final[frozenset[ErrorCode]] = frozenset()
 
-REPORT_NS = 1_000_000_000
+REPORT_NS: Final = 1_000_000_000
 """A code that is not latched stays reported this long after its cause was last seen."""
 
-EMCY_CODE_BASE = 0xFF00
+EMCY_CODE_BASE: Final = 0xFF00
 """CiA 301: device-specific emergency error codes."""
-EMCY_REGISTER_GENERIC = 0x81
+EMCY_REGISTER_GENERIC: Final = 0x81
 """CiA 301 object 0x1001: generic error and manufacturer-specific error."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Cause:
     """One reason for a code, seen in this step. `seen_ns` is when it began, on the node's clock."""
 
-    code: ErrorCode
-    reason: Reason
-    seen_ns: int
+    code: Final[ErrorCode]
+    reason: Final[Reason]
+    seen_ns: Final[int]
+
+    def __init__(self, *, code: ErrorCode, reason: Reason, seen_ns: int) -> None:
+        self.code = code
+        self.reason = reason
+        self.seen_ns = seen_ns
 
 
 class CodeLatch:
@@ -81,9 +85,9 @@ def code_bits(codes: frozenset[ErrorCode]) -> int:
 
 
 @cache
-def code_flags(codes: frozenset[ErrorCode]) -> Mapping[str, bool]:
+def code_flags(codes: frozenset[ErrorCode]) -> tuple[bool, ...]:
     """The signals er0 to er6 of a status message."""
-    return MappingProxyType({f"er{n}": ErrorCode(n) in codes for n in range(ER_CODES)})
+    return tuple(ErrorCode(n) in codes for n in range(ER_CODES))
 
 
 def emcy_payload(cause: Cause, codes: frozenset[ErrorCode]) -> bytes:

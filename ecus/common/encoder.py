@@ -7,15 +7,16 @@ speed to the timer's microsecond (the method of periods and pulses, often called
 from __future__ import annotations
 
 import math
+from typing import Final
 
-STANDSTILL_S = 0.25
+STANDSTILL_S: Final = 0.25
 """Without an edge for this long the wheel stands (TABBY: below 0.02 m/s on the motor's encoder)."""
 
-WINDOW_NS = 20_000_000
+WINDOW_NS: Final = 20_000_000
 """Edges are compared over at least this span, which averages the encoder's pitch error."""
 
 
-READING_AGE_S_MAX = 0.02
+READING_AGE_S_MAX: Final = 0.02
 """A reading that comes over a bus may be two cycles old: edges since then are not known yet, and
 their absence says nothing about the speed."""
 

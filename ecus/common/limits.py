@@ -5,7 +5,9 @@ from __future__ import annotations
 
 def clamp(value: float, low: float, high: float) -> float:
     """`value` within [low, high]; NaN gives `low`."""
-    return max(low, min(high, value)) if value == value else low
+    if value > low:
+        return value if value < high else high
+    return low
 
 
 def towards(value: float, target: float, step_max: float) -> float:

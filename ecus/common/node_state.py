@@ -10,6 +10,7 @@ Rules:
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Final
 
 from dbc.messages import NodeState
 
@@ -32,7 +33,7 @@ class NodeEvent(Enum):
 
 _N, _E = NodeState, NodeEvent
 
-NODE_STATE_AFTER: dict[NodeState, dict[NodeEvent, NodeState]] = {
+NODE_STATE_AFTER: Final[dict[NodeState, dict[NodeEvent, NodeState]]] = {
     _N.STARTING: {
         _E.MANUAL: _N.RELEASED,
         _E.EMERGENCY: _N.EMERGENCY,
@@ -75,7 +76,7 @@ NODE_STATE_AFTER: dict[NodeState, dict[NodeEvent, NodeState]] = {
     },
 }
 
-SAFE_STATES = frozenset({_N.SAFE_ALONE, _N.EMERGENCY})
+SAFE_STATES: Final = frozenset({_N.SAFE_ALONE, _N.EMERGENCY})
 """States in which the node does what is safe rather than what it is told."""
 
 assert all(set(row) == set(NodeEvent) for row in NODE_STATE_AFTER.values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import (
@@ -29,7 +30,8 @@ from ecus.common.codes import (
 )
 from vehicles import Vehicle
 
-_LATE_REASON = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
+_OPERATIONAL: Final = NmtState.OPERATIONAL
+_LATE_REASON: Final = {CycleFault.LATE: Reason.LATE, CycleFault.OVERRUNS: Reason.OVERRUNS}
 
 
 def load_eds(name: str) -> str:
@@ -60,7 +62,6 @@ class Shell:
     ) -> None:
         self.node = node
         self._is_nmt_master = is_nmt_master
-        self.endpoint = Endpoint(node, subscribed)
         self.canopen = CanopenNode(
             NODE_IDS[node],
             load_eds(eds),
@@ -80,6 +81,7 @@ class Shell:
         self._canopen_ids = self.canopen.acceptance
         if is_nmt_master:
             self._canopen_ids -= {NMT_ID}
+        self.endpoint = Endpoint(node, subscribed, self._canopen_ids)
 
     @property
     def acceptance(self) -> frozenset[int]:
@@ -89,7 +91,7 @@ class Shell:
     @property
     def is_operational(self) -> bool:
         """NMT state OPERATIONAL: only then are process data sent and actuators moved."""
-        return self.canopen.state is NmtState.OPERATIONAL
+        return self.canopen.state is _OPERATIONAL
 
     def begin(self, now_ns: int, received: Sequence[ReceivedFrame]) -> list[Message]:
         """Takes in everything since the last step; answers the believable messages."""
@@ -102,10 +104,10 @@ class Shell:
             self.add_event(EventKind.OVERRUN, f"{text} ({self.cycle.lateness_ns / 1e6:.1f} ms)")
         if fault is not None:
             self.add_cause(ErrorCode.ER2, _LATE_REASON[fault])
-        ids = self._canopen_ids
-        for_canopen = [item[1] for item in received if item[1].can_id in ids]
+        messages = self.endpoint.take(received)
+        for_canopen = self.endpoint.handed_on
         if self._is_nmt_master and not self.is_operational:
-            for_canopen.append(nmt_frame(NmtCommand.START, self.canopen.node_id))
+            for_canopen = [*for_canopen, nmt_frame(NmtCommand.START, self.canopen.node_id)]
         bad_frames = self.canopen.bad_frames
         self._outbox = self.canopen.step(now_ns, for_canopen)
         if self.canopen.bad_frames != bad_frames:
@@ -114,7 +116,6 @@ class Shell:
         self._has_emergency = False
         for event in self.canopen.poll_events():
             self._on_canopen(event)
-        messages = self.endpoint.take(received)
         if self.endpoint.bad or self.endpoint.foreign or self.endpoint.is_bus_off:
             self._on_bad_traffic()
         return messages

@@ -7,17 +7,18 @@ loop never saturates on a step and the integrator has nothing to wind up on.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from ecus.common.limits import clamp
 from ecus.steering.params import SteeringParams
 
-INTEGRAL_DUTY_MAX = 0.25
+INTEGRAL_DUTY_MAX: Final = 0.25
 """Bound on the integrator: enough for aligning torque and friction, too little to run away."""
 
-FRICTION_RATE_RADPS = 0.3
+FRICTION_RATE_RADPS: Final = 0.3
 """Reference rate at which friction is fully compensated; below it, in proportion (no chatter)."""
 
-RATE_FILTER_S = 0.02
+RATE_FILTER_S: Final = 0.02
 """Time constant of the measured rate's filter."""
 
 

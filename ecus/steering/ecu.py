@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
@@ -16,7 +16,7 @@ from dbc.messages import (
     SteerStatus,
     ThrottleStatus,
 )
-from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.limits import clamp
 from ecus.common.node_state import SAFE_STATES
 from ecus.steering.control import SteeringLoop
@@ -25,15 +25,17 @@ from ecus.steering.params import EXPOSED, SteeringParams
 from ecus.steering.ports import COAST, SteeringActuator, SteeringSensors
 from vehicles import Vehicle
 
-HOLD_SPEED_MPS_MIN = 0.5
+HOLD_SPEED_MPS_MIN: Final = 0.5
 """Below this the wheel is let go in a safe state (design, safe alone)."""
 
-_SPEED_SOURCES = ("THROTTLE_STATUS", "BRAKE_STATUS")
+_SPEED_SOURCES: Final = ("THROTTLE_STATUS", "BRAKE_STATUS")
 
-TORQUE_NM_MAX = 40.0
+TORQUE_NM_MAX: Final = 40.0
 """What STEER_DRIVER can carry."""
 
-PERIOD_S = PERIOD_NS * 1e-9
+_FAILURES: Final = frozenset({ErrorCode.ER4, ErrorCode.ER6})
+
+PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
@@ -81,9 +83,8 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             self.shell.add_cause(ErrorCode.ER6, Reason.SENSOR_OUT_OF_BOUNDS)
         if sensors.motor_fault:
             self.shell.add_cause(ErrorCode.ER4, Reason.MOTOR_FAULT)
-        self._is_failed = any(
-            cause.code in (ErrorCode.ER4, ErrorCode.ER6) for cause in self.shell.causes
-        )
+        causes = self.shell.causes
+        self._is_failed = bool(causes) and any(cause.code in _FAILURES for cause in causes)
         self._angle_rad = angle_rad
         self.loop.measure(angle_rad, PERIOD_S)
         # The motor turns the driver's wheel as well: what it takes to speed that up is not him.
@@ -150,8 +151,21 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             applied_steering_wheel_angle_rad=math.nan if is_coasting else self.loop.reference_rad,
         )
 
-    def _driver(self, flags: dict[str, Any]) -> SteerDriver:
+    def _driver(self, told: Told) -> SteerDriver:
         torque_nm = self._torque_nm
         if not math.isnan(torque_nm):
             torque_nm = clamp(torque_nm, -TORQUE_NM_MAX, TORQUE_NM_MAX)
-        return SteerDriver(torque_nm=torque_nm, **flags)
+        er0, er1, er2, er3, er4, er5, er6 = told.er
+        return SteerDriver(
+            torque_nm=torque_nm,
+            driver_active=told.driver_active,
+            node_state=told.node_state,
+            present_codes=told.present_codes,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
+        )

@@ -10,6 +10,7 @@ Rules:
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Final
 
 from dbc.messages import NodeState
 
@@ -24,7 +25,7 @@ class SteerAction(Enum):
 
 _N, _A = NodeState, SteerAction
 
-ACTION: dict[NodeState, dict[bool, SteerAction]] = {
+ACTION: Final[dict[NodeState, dict[bool, SteerAction]]] = {
     # state: {may hold: action}
     _N.STARTING: {False: _A.COAST, True: _A.COAST},
     _N.RELEASED: {False: _A.COAST, True: _A.COAST},

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Final
 
 from vehicles import Vehicle
 
-EXPOSED = (
+EXPOSED: Final = (
     "position_gain_per_s",
     "rate_gain",
     "integral_gain_per_s2",

@@ -4,36 +4,74 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from dbc.messages import ErrorCode, Inhibit, Mode, NodeState, Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Situation:
     """All that decides over engaging and resetting, as seen in one step."""
 
-    mode: Mode
-    alive: Mapping[str, bool]
+    mode: Final[Mode]
+    alive: Final[Mapping[str, bool]]
     """Its protected frames come in time."""
-    heard: Mapping[str, bool]
+    heard: Final[Mapping[str, bool]]
     """Its heartbeat comes in time."""
-    operational: Mapping[str, bool]
-    configuration_equal: Mapping[str, bool | None]
-    node_states: Mapping[str, NodeState]
-    codes: frozenset[ErrorCode]
+    operational: Final[Mapping[str, bool]]
+    configuration_equal: Final[Mapping[str, bool | None]]
+    node_states: Final[Mapping[str, NodeState]]
+    codes: Final[frozenset[ErrorCode]]
     """Reported by any node, latched or not."""
-    blocking_codes: frozenset[ErrorCode]
+    blocking_codes: Final[frozenset[ErrorCode]]
     """Whose cause is there now and must be gone before a reset."""
-    verdict: Verdict | None
+    verdict: Final[Verdict | None]
     """None: missing or stale."""
-    is_driver_active: bool
-    is_emergency_stop_pressed: bool
-    has_foreign_frames: bool
-    is_planner_period_allowed: bool
-    speed_mps: float
+    is_driver_active: Final[bool]
+    is_emergency_stop_pressed: Final[bool]
+    has_foreign_frames: Final[bool]
+    is_planner_period_allowed: Final[bool]
+    speed_mps: Final[float]
     """Faster of the two axles; NaN when unknown."""
-    is_standing: bool
-    engage_speed_mps_max: float
+    is_standing: Final[bool]
+    engage_speed_mps_max: Final[float]
+
+    def __init__(
+        self,
+        *,
+        mode: Mode,
+        alive: Mapping[str, bool],
+        heard: Mapping[str, bool],
+        operational: Mapping[str, bool],
+        configuration_equal: Mapping[str, bool | None],
+        node_states: Mapping[str, NodeState],
+        codes: frozenset[ErrorCode],
+        blocking_codes: frozenset[ErrorCode],
+        verdict: Verdict | None,
+        is_driver_active: bool,
+        is_emergency_stop_pressed: bool,
+        has_foreign_frames: bool,
+        is_planner_period_allowed: bool,
+        speed_mps: float,
+        is_standing: bool,
+        engage_speed_mps_max: float,
+    ) -> None:
+        self.mode = mode
+        self.alive = alive
+        self.heard = heard
+        self.operational = operational
+        self.configuration_equal = configuration_equal
+        self.node_states = node_states
+        self.codes = codes
+        self.blocking_codes = blocking_codes
+        self.verdict = verdict
+        self.is_driver_active = is_driver_active
+        self.is_emergency_stop_pressed = is_emergency_stop_pressed
+        self.has_foreign_frames = has_foreign_frames
+        self.is_planner_period_allowed = is_planner_period_allowed
+        self.speed_mps = speed_mps
+        self.is_standing = is_standing
+        self.engage_speed_mps_max = engage_speed_mps_max
 
 
 def _node_inhibit(prefix: str, node: str) -> Inhibit:
@@ -73,10 +111,13 @@ def engage_inhibit(situation: Situation) -> Inhibit:
         (not situation.speed_mps <= situation.engage_speed_mps_max, Inhibit.TOO_FAST),
         (situation.mode is not Mode.READY, Inhibit.PRESS_BUTTON),
     )
-    return next((reason for holds, reason in rules if holds), Inhibit.NOT_REQUESTED)
+    for holds, reason in rules:
+        if holds:
+            return reason
+    return Inhibit.NOT_REQUESTED
 
 
-ACTUATOR_NODES = ("Steering", "Throttle", "BrakeServo")
+ACTUATOR_NODES: Final = ("Steering", "Throttle", "BrakeServo")
 
 
 def reset_inhibit(situation: Situation) -> Inhibit:

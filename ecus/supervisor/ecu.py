@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import EventKind, StepOutput
@@ -39,6 +39,7 @@ from ecus.supervisor.control import (
 from ecus.supervisor.faults import driving_faults
 from ecus.supervisor.mode import AUTHORISED, DRIVING_MODES, MODE_AFTER, RELAY_CLOSED, ModeEvent
 from ecus.supervisor.nodes import (
+    ACTUATORS,
     HEARTBEATS,
     LIVENESS,
     RESET_BLOCKING,
@@ -50,24 +51,24 @@ from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
 from ecus.supervisor.standstill import Standstill
 from vehicles import Vehicle
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
-FOREIGN_NS = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+FOREIGN_NS: Final = 1_000_000_000
 """A frame of nobody's, or a FAILSAFE, denies engagement and reset for this long."""
 
-OBEYED_NS = 30_000_000
+OBEYED_NS: Final = 30_000_000
 """By then a node has heard the emergency brake and has told its new state."""
 
-RESET_NS = 15_000_000
+RESET_NS: Final = 15_000_000
 """A reset is asked for this long; by then the gateway has objected to one that is not its own."""
-OBJECTION_NS = 100_000_000
+OBJECTION_NS: Final = 100_000_000
 """An EMERGENCY_BRAKE of another node speaks against a reset for this long."""
 
-SILENCES = frozenset({Reason.NODE_SILENT, Reason.VERDICT_MISSING})
+SILENCES: Final = frozenset({Reason.NODE_SILENT, Reason.VERDICT_MISSING})
 """Reasons that only the supervisor finds: it sends their EMCY."""
 
-RESET_EPOCHS = 16
-DEFAULT_PLANNER_PERIOD_MS = 20
+RESET_EPOCHS: Final = 16
+DEFAULT_PLANNER_PERIOD_MS: Final = 20
 
 
 class SupervisorEcu:
@@ -114,6 +115,8 @@ class SupervisorEcu:
         self._brake_cause: Cause | None = None
         self._reset_asked = Debounce(RESET_NS)
         self._objected_until_ns = 0
+        self._told: tuple[object, ...] = ()
+        self._state: SupervisorState | None = None
 
     def step(
         self, now_ns: int, received: Sequence[ReceivedFrame], sensors: SupervisorSensors
@@ -155,10 +158,11 @@ class SupervisorEcu:
             is_tolerated = self.params.foreign_id_min <= frame.can_id <= self.params.foreign_id_max
             if not (is_tolerated and frame.kind == 0) or is_known:
                 self._foreign_until_ns = now_ns + FOREIGN_NS
-        if any(message.can_id == FAILSAFE_ID for message in messages):
-            self._failsafe_until_ns = now_ns + FOREIGN_NS
-        if any(message.can_id in STOPPING_IDS for message in messages):
-            self._objected_until_ns = now_ns + OBJECTION_NS
+        for message in messages:
+            if message.can_id == FAILSAFE_ID:
+                self._failsafe_until_ns = now_ns + FOREIGN_NS
+            elif message.can_id in STOPPING_IDS:
+                self._objected_until_ns = now_ns + OBJECTION_NS
 
     def _take_request(self, messages: Sequence[Message]) -> None:
         newest = self._requests.take(messages)
@@ -186,9 +190,7 @@ class SupervisorEcu:
         """The faster of driven and rear wheels; NaN when one of them is not known."""
         throttle = self.endpoint.get("THROTTLE_STATUS", ThrottleStatus)
         brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
-        is_fresh = all(
-            self.endpoint.is_fresh(name, now_ns) for name in ("THROTTLE_STATUS", "BRAKE_STATUS")
-        )
+        is_fresh = self.endpoint.are_fresh(("THROTTLE_STATUS", "BRAKE_STATUS"), now_ns)
         if not is_fresh or throttle is None or brake is None:
             return math.nan
         front, rear = abs(throttle.wheel_speed_radps), abs(brake.rear_wheel_speed_radps)
@@ -253,7 +255,7 @@ class SupervisorEcu:
         ready_ns = round(self.params.ready_timeout_s * NS_PER_S)
         states = set(situation.node_states.values())
         all_seen = all(situation.alive[name] for name in situation.node_states) and (
-            len(situation.node_states) == len(_AXES) and NodeState.ACTIVE not in states
+            len(situation.node_states) == len(ACTUATORS) and NodeState.ACTIVE not in states
         )
         has_driven = states & SAFE_STATES or sensors.automatic_relay_closed
         rules = (
@@ -284,7 +286,10 @@ class SupervisorEcu:
             if not sensors.emergency_stop_pressed:
                 reason = Reason.FAILSAFE_FRAME
             self.shell.add_cause(ErrorCode.ER1, reason)
-        return next((event for holds, event in rules if holds), ModeEvent.NOTHING)
+        for holds, event in rules:
+            if holds:
+                return event
+        return ModeEvent.NOTHING
 
     def _change_mode(self, now_ns: int, event: ModeEvent, faults: list[Cause]) -> None:
         before, self.mode = self.mode, MODE_AFTER[self.mode][event]
@@ -346,16 +351,31 @@ class SupervisorEcu:
         return [self.endpoint.frame("SUPERVISOR_EMERGENCY_BRAKE", message)]
 
     def _state_frame(self, now_ns: int) -> Frame:
+        codes = self._reported(now_ns)
+        content = (self.mode, self.reset_epoch, self._age_limit_ms, self.inhibit, codes)
+        if content != self._told:
+            self._told, self._state = content, self._state_message(codes)
+        return self.endpoint.frame("SUPERVISOR_STATE", self._state)
+
+    def _state_message(self, codes: frozenset[ErrorCode]) -> SupervisorState:
         authorised = AUTHORISED[self.mode]
-        state = SupervisorState(
+        er0, er1, er2, er3, er4, er5, er6 = code_flags(codes)
+        return SupervisorState(
             mode=self.mode,
-            **{f"{axis}_authorised": axis in authorised for axis in _AXES},
+            steering_authorised="steering" in authorised,
+            throttle_authorised="throttle" in authorised,
+            brake_authorised="brake" in authorised,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
             reset_epoch=self.reset_epoch,
             decision_age_ms_max=self._age_limit_ms,
             inhibit=self.inhibit,
-            **code_flags(self._reported(now_ns)),
         )
-        return self.endpoint.frame("SUPERVISOR_STATE", state)
 
     def _starts(self, now_ns: int) -> list[Frame]:
         """NMT starts; not while driving: who stopped then must stay stopped."""
@@ -365,5 +385,4 @@ class SupervisorEcu:
         return [frame for frame in starts if frame is not None]
 
 
-_AXES = ("steering", "throttle", "brake")
 assert SPEC_OF_NAME["SUPERVISOR_STATE"].cycle_ns == 10_000_000

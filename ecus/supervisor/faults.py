@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from dbc.endpoint import SPEC_OF_NAME, STOPPING_IDS, Endpoint, Message
 from dbc.messages import (
@@ -21,11 +22,11 @@ from ecus.supervisor.nodes import ACTUATORS, Nodes
 from ecus.supervisor.params import SupervisorParams
 from vehicles.vehicle import DriverPolicy
 
-ACTIVATION_NS = 100_000_000
+ACTIVATION_NS: Final = 100_000_000
 """Time the actuator nodes have to become ACTIVE after AUTOMATIC begins."""
 
-BRAKING_RATIO_MIN = 0.02
-NS_PER_MS = 1_000_000
+BRAKING_RATIO_MIN: Final = 0.02
+NS_PER_MS: Final = 1_000_000
 
 
 def driving_faults(

@@ -14,6 +14,7 @@ Rules (design, driving modes):
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Final
 
 from dbc.messages import Mode
 
@@ -52,7 +53,7 @@ def _row(default: Mode, **cells: Mode) -> dict[ModeEvent, Mode]:
     return {event: cells.get(event.name, default) for event in ModeEvent}
 
 
-MODE_AFTER: dict[Mode, dict[ModeEvent, Mode]] = {
+MODE_AFTER: Final[dict[Mode, dict[ModeEvent, Mode]]] = {
     _M.INIT: _row(_M.INIT, ADOPT=_M.EMERGENCY, NODES_SEEN=_M.MANUAL),
     _M.MANUAL: _row(_M.MANUAL, BUTTON=_M.READY),
     _M.READY: _row(
@@ -82,9 +83,9 @@ MODE_AFTER: dict[Mode, dict[ModeEvent, Mode]] = {
 }
 assert set(MODE_AFTER) == set(Mode)
 
-DRIVING_MODES = frozenset({_M.AUTOMATIC, _M.STOPPING})
+DRIVING_MODES: Final = frozenset({_M.AUTOMATIC, _M.STOPPING})
 
-AUTHORISED: dict[Mode, frozenset[str]] = {
+AUTHORISED: Final[dict[Mode, frozenset[str]]] = {
     _M.INIT: frozenset(),
     _M.MANUAL: frozenset(),
     _M.READY: frozenset(),
@@ -94,7 +95,7 @@ AUTHORISED: dict[Mode, frozenset[str]] = {
 }
 """Axes that may move. In EMERGENCY traction is cut; steering may hold until a hand takes it."""
 
-RELAY_CLOSED: dict[Mode, bool | None] = {
+RELAY_CLOSED: Final[dict[Mode, bool | None]] = {
     _M.INIT: None,
     _M.MANUAL: False,
     _M.READY: False,

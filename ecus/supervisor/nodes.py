@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from operator import attrgetter
+from typing import Final
 
 from canbus.canopen_protocol import (
     CONFIGURATION,
@@ -15,16 +15,23 @@ from canbus.canopen_protocol import (
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import NODE_IDS
 from dbc.endpoint import Endpoint, Message
-from dbc.messages import ErrorCode, HeartbeatState, NodeState
+from dbc.messages import (
+    BrakeDriver,
+    ErrorCode,
+    HeartbeatState,
+    NodeState,
+    SteerDriver,
+    ThrottleDriver,
+)
 from ecus.common.codes import ER_CODES, NO_CODES
 
-OTHERS = tuple(name for name in NODE_IDS if name != "Supervisor")
+OTHERS: Final = tuple(name for name in NODE_IDS if name != "Supervisor")
 """Nodes 2 to 6, in the order in which their trouble is told."""
 
-ACTUATORS = {"Steering": "STEER", "Throttle": "THROTTLE", "BrakeServo": "BRAKE"}
+ACTUATORS: Final = {"Steering": "STEER", "Throttle": "THROTTLE", "BrakeServo": "BRAKE"}
 """Actuator nodes and their prefix in the DBC's messages."""
 
-LIVENESS = {
+LIVENESS: Final = {
     "Steering": ("STEER_STATUS", "STEER_DRIVER"),
     "Throttle": ("THROTTLE_STATUS", "THROTTLE_DRIVER"),
     "BrakeServo": ("BRAKE_STATUS", "BRAKE_DRIVER"),
@@ -33,10 +40,10 @@ LIVENESS = {
 }
 """Protected frames by which each node shows that it lives."""
 
-DRIVER_FRAMES = {name: f"{prefix}_DRIVER" for name, prefix in ACTUATORS.items()}
-_FLAGS = attrgetter(*(f"er{n}" for n in range(ER_CODES)))
+DRIVER_FRAMES: Final = {name: f"{prefix}_DRIVER" for name, prefix in ACTUATORS.items()}
+DriverMessage = SteerDriver | ThrottleDriver | BrakeDriver
 
-HEARTBEATS = {
+HEARTBEATS: Final = {
     "Steering": "STEER_HEARTBEAT",
     "Throttle": "THROTTLE_HEARTBEAT",
     "BrakeServo": "BRAKE_HEARTBEAT",
@@ -44,13 +51,13 @@ HEARTBEATS = {
     "Gateway": "GATEWAY_HEARTBEAT",
 }
 
-START_INTERVAL_NS = 200_000_000
+START_INTERVAL_NS: Final = 200_000_000
 """A node that is not OPERATIONAL is told to start at most this often."""
 
-ASK_INTERVAL_NS = 200_000_000
+ASK_INTERVAL_NS: Final = 200_000_000
 """A node that does not tell its configuration is asked at most this often."""
 
-RESET_BLOCKING = frozenset({ErrorCode.ER1, ErrorCode.ER2, ErrorCode.ER4, ErrorCode.ER6})
+RESET_BLOCKING: Final = frozenset({ErrorCode.ER1, ErrorCode.ER2, ErrorCode.ER4, ErrorCode.ER6})
 """Codes whose cause must be gone before a reset. ER0 and ER3 do not brake; ER5 ends by itself."""
 
 
@@ -115,6 +122,10 @@ class Nodes:
         self._hashes = hashes
         self._reader = SdoReader()
         self.watches = {name: NodeWatch(name) for name in OTHERS}
+        self._signs_of_life = {
+            name: [endpoint.subscription(frame) for frame in frames]
+            for name, frames in LIVENESS.items()
+        }
         self.alive = dict.fromkeys(OTHERS, False)
         self.states: dict[str, NodeState] = {}
         self.is_driver_active = False
@@ -132,21 +143,32 @@ class Nodes:
         """Takes this step's messages in and judges every node anew."""
         endpoint, watches = self._endpoint, self._watch_of_heartbeat
         for message in messages:
-            watch = watches.get(message[0])
+            watch = watches.get(message.can_id)
             if watch is not None:
                 watch.on_heartbeat(message.content.state)
         self.alive = {
-            name: False not in [endpoint.is_fresh(frame, now_ns) for frame in frames]
-            for name, frames in LIVENESS.items()
+            name: False not in [sign.is_fresh(now_ns) for sign in signs]
+            for name, signs in self._signs_of_life.items()
         }
-        drivers = [(name, endpoint.newest(frame)) for name, frame in DRIVER_FRAMES.items()]
-        contents = {name: message.content for name, message in drivers if message is not None}
-        self.states = {name: content.node_state for name, content in contents.items()}
-        self.is_driver_active = any(content.driver_active for content in contents.values())
+        self.states = {}
+        self.is_driver_active = False
         self.present_codes = self.reported_codes = NO_CODES
-        for content in contents.values():
+        for name, frame in DRIVER_FRAMES.items():
+            newest = endpoint.newest(frame)
+            if newest is not None:
+                self._take_driver(name, newest.content)
+
+    def _take_driver(self, name: str, content: DriverMessage) -> None:
+        self.states[name] = content.node_state
+        self.is_driver_active |= content.driver_active
+        if content.present_codes:
             self.present_codes |= codes_of_bits(content.present_codes)
-            self.reported_codes |= codes_of_flags(_FLAGS(content))
+        flags = (
+            content.er0, content.er1, content.er2, content.er3, content.er4, content.er5,
+            content.er6,
+        )
+        if True in flags:
+            self.reported_codes |= codes_of_flags(flags)
 
     def check_configuration(
         self, now_ns: int, received: Sequence[ReceivedFrame]

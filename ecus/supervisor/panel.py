@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from dbc.endpoint import SPEC_OF_NAME, Message
 from dbc.messages import HeartbeatState, ModeRequest, Request
 from ecus.common.driver_input import Debounce
 
-BUTTON_DEBOUNCE_NS = 30_000_000
-REQUEST_PENDING_NS = 60_000_000
+BUTTON_DEBOUNCE_NS: Final = 30_000_000
+REQUEST_PENDING_NS: Final = 60_000_000
 """A request is pending while its frames (every 20 ms) keep coming; two may be lost."""
 
-_REQUEST_ID = SPEC_OF_NAME["MODE_REQUEST"].can_id
-_HEARTBEAT_ID = SPEC_OF_NAME["GATEWAY_HEARTBEAT"].can_id
+_REQUEST_ID: Final = SPEC_OF_NAME["MODE_REQUEST"].can_id
+_HEARTBEAT_ID: Final = SPEC_OF_NAME["GATEWAY_HEARTBEAT"].can_id
 
 
 class Button:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from vehicles import Vehicle
 from vehicles.vehicle import DriverPolicy
 
-EXPOSED = ("ready_timeout_s", "engage_speed_mps_max")
+EXPOSED: Final = ("ready_timeout_s", "engage_speed_mps_max")
 """Readable by SDO, writable in MANUAL within the EDS's limits (object 0x2100)."""
 
 

@@ -7,19 +7,20 @@ given the time that its last rolling speed takes to end on the worst road of the
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from ecus.common.driver_input import Debounce
 
-STANDSTILL_MPS_MAX = 0.1
+STANDSTILL_MPS_MAX: Final = 0.1
 """Both axles slower than this: the wheels stand."""
-STANDSTILL_NS = 300_000_000
+STANDSTILL_NS: Final = 300_000_000
 
-GRIP_MARGIN = 1.3
+GRIP_MARGIN: Final = 1.3
 """Times the deceleration of the full brake on a dry road, which no tyre exceeds."""
-LOCK_MPS = 1.0
+LOCK_MPS: Final = 1.0
 """Wheels so much slower than the car can be have locked; above noise and the encoders' lag."""
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
 
 class Standstill:

@@ -7,15 +7,16 @@ braking is another hand on the same speed, so the integrator freezes while it br
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from ecus.common.limits import clamp, towards
 from ecus.throttle.params import ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, dac_code
 
-INTEGRAL_MPS2_MAX = 1.5
+INTEGRAL_MPS2_MAX: Final = 1.5
 """Bound on the integrator: a slope of 15 %."""
 
-STANDSTILL_MPS = 0.1
+STANDSTILL_MPS: Final = 0.1
 """Below this with a zero setpoint nothing is asked of the motor; the servo holds the car."""
 
 

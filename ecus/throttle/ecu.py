@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import (
@@ -16,7 +16,7 @@ from dbc.messages import (
     ThrottleDriver,
     ThrottleStatus,
 )
-from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu
+from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp
 from ecus.common.node_state import SAFE_STATES
@@ -26,21 +26,21 @@ from ecus.throttle.params import EXPOSED, ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, ThrottleSensors
 from vehicles import Vehicle
 
-BRAKING_RATIO_MIN = 0.05
+BRAKING_RATIO_MIN: Final = 0.05
 """Servo position above which the pads touch: no drive torque, frozen integrator."""
 
-BRAKED_RATIO_MIN = 0.5
+BRAKED_RATIO_MIN: Final = 0.5
 """Servo position that counts as braking in an emergency."""
 
-TRAVEL_MARGIN = 1.3
+TRAVEL_MARGIN: Final = 1.3
 """The servo is given this multiple of its travel time before it counts as dead."""
 
-REGEN_SPEED_MPS_MIN = 0.3
+REGEN_SPEED_MPS_MIN: Final = 0.3
 """Regeneration ends here: it could not hold the car, only turn it back."""
 
-PEDAL_RATIO_MAX = 1.2
-WHEEL_SPEED_RADPS_MAX = 320.0
-PERIOD_S = PERIOD_NS * 1e-9
+PEDAL_RATIO_MAX: Final = 1.2
+WHEEL_SPEED_RADPS_MAX: Final = 320.0
+PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
@@ -149,8 +149,21 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             applied_wheel_speed_radps=reference_radps if is_following else math.nan,
         )
 
-    def _driver(self, flags: dict[str, Any]) -> ThrottleDriver:
+    def _driver(self, told: Told) -> ThrottleDriver:
         pedal_ratio = self._pedal_ratio
         if not math.isnan(pedal_ratio):
             pedal_ratio = clamp(pedal_ratio, 0.0, PEDAL_RATIO_MAX)
-        return ThrottleDriver(pedal_ratio=pedal_ratio, **flags)
+        er0, er1, er2, er3, er4, er5, er6 = told.er
+        return ThrottleDriver(
+            pedal_ratio=pedal_ratio,
+            driver_active=told.driver_active,
+            node_state=told.node_state,
+            present_codes=told.present_codes,
+            er0=er0,
+            er1=er1,
+            er2=er2,
+            er3=er3,
+            er4=er4,
+            er5=er5,
+            er6=er6,
+        )

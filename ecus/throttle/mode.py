@@ -10,6 +10,7 @@ Rules:
 from __future__ import annotations
 
 from enum import Enum, auto
+from typing import Final
 
 from dbc.messages import NodeState
 
@@ -34,7 +35,7 @@ class Situation(Enum):
 
 _N, _A, _S = NodeState, ThrottleAction, Situation
 
-ACTION: dict[NodeState, dict[Situation, ThrottleAction]] = {
+ACTION: Final[dict[NodeState, dict[Situation, ThrottleAction]]] = {
     _N.STARTING: dict.fromkeys(_S, _A.IDLE),
     _N.RELEASED: dict.fromkeys(_S, _A.IDLE),
     _N.ACTIVE: {_S.NORMAL: _A.FOLLOW, _S.STOPPING: _A.STOP, _S.BRAKE_MISSING: _A.FOLLOW},

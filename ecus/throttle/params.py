@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from vehicles import Vehicle
 
-EXPOSED = (
+EXPOSED: Final = (
     "speed_gain",
     "integral_gain_per_s",
     "feed_forward_gain",

@@ -8,6 +8,7 @@ Times are the simulation's true time: a caller whose own clock drifts converts f
 """
 
 from math import cos, pi, sin
+from typing import Final
 
 from numpy.random import Generator
 
@@ -24,7 +25,7 @@ from simulation.plant.state import DriverInputs, PlantFaults, Pose, Truth
 from simulation.plant.steering import SteeringColumn
 from simulation.plant.traction import Traction
 
-ORIGIN = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
+ORIGIN: Final = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
 
 
 class Car:

@@ -7,14 +7,15 @@ friction: they take away speed and never add any.
 """
 
 from math import cos, sin, sqrt
+from typing import Final
 
 from simulation.plant.params import AIR_DENSITY_KG_PER_M3, GRAVITY_MPS2, NS_PER_S, PlantParams
 
 # Tyres keep a fifth of their lateral force when they brake or drive at their limit
 # (sqrt(1 - 0.98^2) = 0.2); assumption, it keeps a sliding car steerable a little.
-LONGITUDINAL_USE_MAX = 0.98
-BLEND_TIME_S = 0.05  # how fast the kinematic model takes over; assumption, numerics only
-UNLOCK_TIME_S = 0.05  # a wheel released by its brake is back at speed; assumption
+LONGITUDINAL_USE_MAX: Final = 0.98
+BLEND_TIME_S: Final = 0.05  # how fast the kinematic model takes over; assumption, numerics only
+UNLOCK_TIME_S: Final = 0.05  # a wheel released by its brake is back at speed; assumption
 
 
 class Chassis:

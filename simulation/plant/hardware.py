@@ -12,6 +12,7 @@ supervisor changes nothing.
 """
 
 from math import isfinite
+from typing import Final
 
 from ecus.brake_servo.ports import BrakeActuator
 from ecus.steering.ports import SteeringActuator
@@ -20,7 +21,7 @@ from ecus.throttle.ports import ThrottleActuator
 from simulation.plant.params import PlantParams
 from simulation.plant.traction import DriveInput
 
-NEVER_NS = 1 << 62
+NEVER_NS: Final = 1 << 62
 
 
 class Hardware:

@@ -5,10 +5,11 @@ percent (tyre rolling radius, gear efficiency, friction, sensor zero), as a real
 """
 
 from dataclasses import dataclass, replace
+from typing import Final
 
-GRAVITY_MPS2 = 9.80665  # standard gravity, ISO 80000-3
-AIR_DENSITY_KG_PER_M3 = 1.20  # ISO 2533 at about 20 degC
-NS_PER_S = 1_000_000_000
+GRAVITY_MPS2: Final = 9.80665  # standard gravity, ISO 80000-3
+AIR_DENSITY_KG_PER_M3: Final = 1.20  # ISO 2533 at about 20 degC
+NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +152,7 @@ class PlantParams:
         return replace(self, chassis=replace(self.chassis, occupants_count=count))
 
 
-TABBY_EVO = PlantParams(
+TABBY_EVO: Final = PlantParams(
     name="tabby_evo",
     # halving the step changes a manoeuvre by less than the sensors can tell (see the tests)
     step_ns=2_000_000,
@@ -266,7 +267,7 @@ TABBY_EVO = PlantParams(
     ),
 )
 
-_PARAMS_BY_NAME = {params.name: params for params in (TABBY_EVO,)}
+_PARAMS_BY_NAME: Final = {params.name: params for params in (TABBY_EVO,)}
 
 
 def plant_params(vehicle_name: str) -> PlantParams:

@@ -1,12 +1,13 @@
 """Sensors: noise, quantisation, and encoders with the exact time of each edge."""
 
 from math import floor, sqrt
+from typing import Final
 
 from numpy.random import Generator
 
 from simulation.plant.params import NS_PER_S
 
-NOISE_BLOCK = 1024
+NOISE_BLOCK: Final = 1024
 # (begin_ns, begin_phase, begin_rate, end_rate, begin_count, end_count)
 Segment = tuple[int, float, float, float, int, int]
 

@@ -1,9 +1,10 @@
 """Plain data about the plant: where the car is, what the driver does, what is broken."""
 
 from dataclasses import dataclass
+from typing import Final
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Pose:
     """Position of the rear-axle centre and direction of travel.
 
@@ -13,12 +14,17 @@ class Pose:
         heading_rad: From x towards y, not wrapped: a full left circle adds 2 pi.
     """
 
-    x_m: float
-    y_m: float
-    heading_rad: float
+    x_m: Final[float]
+    y_m: Final[float]
+    heading_rad: Final[float]
+
+    def __init__(self, *, x_m: float, y_m: float, heading_rad: float) -> None:
+        self.x_m = x_m
+        self.y_m = y_m
+        self.heading_rad = heading_rad
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Truth:
     """The car as it is at one instant, without any sensor between.
 
@@ -43,23 +49,62 @@ class Truth:
         kinetic_energy_j: Of the body and of all that rotates with the wheels.
     """
 
-    time_ns: int
-    pose: Pose
-    speed_mps: float
-    yaw_rate_radps: float
-    column_angle_rad: float
-    column_rate_radps: float
-    road_wheel_angle_rad: float
-    servo_position_ratio: float
-    brake_ratio: float
-    lateral_acceleration_mps2: float
-    longitudinal_acceleration_mps2: float
-    motor_torque_nm: float
-    relay_closed: bool
-    front_wheels_locked: bool
-    rear_wheels_locked: bool
-    distance_m: float
-    kinetic_energy_j: float
+    time_ns: Final[int]
+    pose: Final[Pose]
+    speed_mps: Final[float]
+    yaw_rate_radps: Final[float]
+    column_angle_rad: Final[float]
+    column_rate_radps: Final[float]
+    road_wheel_angle_rad: Final[float]
+    servo_position_ratio: Final[float]
+    brake_ratio: Final[float]
+    lateral_acceleration_mps2: Final[float]
+    longitudinal_acceleration_mps2: Final[float]
+    motor_torque_nm: Final[float]
+    relay_closed: Final[bool]
+    front_wheels_locked: Final[bool]
+    rear_wheels_locked: Final[bool]
+    distance_m: Final[float]
+    kinetic_energy_j: Final[float]
+
+    def __init__(
+        self,
+        *,
+        time_ns: int,
+        pose: Pose,
+        speed_mps: float,
+        yaw_rate_radps: float,
+        column_angle_rad: float,
+        column_rate_radps: float,
+        road_wheel_angle_rad: float,
+        servo_position_ratio: float,
+        brake_ratio: float,
+        lateral_acceleration_mps2: float,
+        longitudinal_acceleration_mps2: float,
+        motor_torque_nm: float,
+        relay_closed: bool,
+        front_wheels_locked: bool,
+        rear_wheels_locked: bool,
+        distance_m: float,
+        kinetic_energy_j: float,
+    ) -> None:
+        self.time_ns = time_ns
+        self.pose = pose
+        self.speed_mps = speed_mps
+        self.yaw_rate_radps = yaw_rate_radps
+        self.column_angle_rad = column_angle_rad
+        self.column_rate_radps = column_rate_radps
+        self.road_wheel_angle_rad = road_wheel_angle_rad
+        self.servo_position_ratio = servo_position_ratio
+        self.brake_ratio = brake_ratio
+        self.lateral_acceleration_mps2 = lateral_acceleration_mps2
+        self.longitudinal_acceleration_mps2 = longitudinal_acceleration_mps2
+        self.motor_torque_nm = motor_torque_nm
+        self.relay_closed = relay_closed
+        self.front_wheels_locked = front_wheels_locked
+        self.rear_wheels_locked = rear_wheels_locked
+        self.distance_m = distance_m
+        self.kinetic_energy_j = kinetic_energy_j
 
 
 @dataclass(slots=True)

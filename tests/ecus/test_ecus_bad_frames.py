@@ -31,7 +31,7 @@ def _value_out_of_range(rig: Rig) -> list[Frame]:
     spec = SPEC_OF_NAME[f"{rig.prefix}_COMMAND"]
     payload = (0x7FFF if rig.name != "BrakeServo" else 0xFFFE) << 32
     data = bytearray(payload.to_bytes(8, "little"))
-    counter = rig.peers["Gateway"]._counters[spec.can_id]
+    counter = rig.peers["Gateway"]._sent[spec.name].counter
     assert spec.data_id is not None
     return [Frame(spec.can_id, protect(data, spec.data_id, counter))]
 

@@ -185,10 +185,7 @@ def test_latched_code_stays_until_reset() -> None:
 def test_code_bits_and_flags() -> None:
     codes = frozenset({ErrorCode.ER0, ErrorCode.ER6})
     assert code_bits(codes) == 0b1000001
-    assert code_flags(codes) == {
-        "er0": True, "er1": False, "er2": False, "er3": False, "er4": False, "er5": False,
-        "er6": True,
-    }
+    assert code_flags(codes) == (True, False, False, False, False, False, True)
 
 
 # Servo's rest --------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ def test_every_frame_reaches_the_next_step_with_its_own_arrival_time() -> None:
     clock, node = FakeClock(), FakeNode()
     frames = [(t, Frame(0x100 + t // MS)) for t in (1 * MS, 4 * MS, 10 * MS, 17 * MS)]
     run(node, clock=clock, bus=FakeBus(clock, frames), stop_ns=25 * MS)
-    assert [[(a, f.can_id) for a, f in received] for _, received, _ in node.steps] == [
+    assert [[(i.arrival_ns, i.frame.can_id) for i in got] for _, got, _ in node.steps] == [
         [(1 * MS, 0x101), (4 * MS, 0x104), (10 * MS, 0x10A)],
         [(17 * MS, 0x111)],
     ]
