@@ -11,7 +11,13 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from canbus.frame import Frame, FrameKind
-from canbus.timing import INTERFRAME_SPACE_BITS, bits_time_ns, frame_time_ns
+from canbus.timing import (
+    DATA_BYTES_MAX,
+    INTERFRAME_SPACE_BITS,
+    bits_time_ns,
+    frame_bits,
+    frame_bits_max,
+)
 from dbc.endpoint import ERROR_BUS_OFF
 from simulation.arbitration import Arbitration, Pending
 from simulation.controller import (
@@ -83,6 +89,8 @@ class Wire:
     def __init__(self, kernel: Kernel, bitrate_bps: int) -> None:
         self._kernel = kernel
         self._bitrate_bps = bitrate_bps
+        bits_max = frame_bits_max(DATA_BYTES_MAX, extended=True)
+        self._span_ns_of_bits = [bits_time_ns(n, bitrate_bps) for n in range(bits_max + 1)]
         self._space_ns = bits_time_ns(INTERFRAME_SPACE_BITS, bitrate_bps)
         self._suspend_ns = bits_time_ns(SUSPEND_BITS, bitrate_bps)
         self._stations: dict[str, Station] = {}
@@ -160,7 +168,7 @@ class Wire:
                 bits = self._error.bits + INTERFRAME_SPACE_BITS
                 self._occupy(true_ns, bits_time_ns(bits, self._bitrate_bps), self._end_in_error)
                 return
-        self._occupy(true_ns, frame_time_ns(frame, self._bitrate_bps), self._end)
+        self._occupy(true_ns, self._span_ns_of_bits[frame_bits(frame)], self._end)
 
     def _occupy(self, true_ns: int, span_ns: int, end: Action) -> None:
         if self._recoveries:

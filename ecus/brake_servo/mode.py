@@ -12,7 +12,7 @@ Rules:
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 from typing import Final
 
 from dbc.messages import NodeState
@@ -29,11 +29,11 @@ class BrakeAction(Enum):
     REST = auto()
 
 
-NOT_DRIVEN = frozenset({BrakeAction.NONE, BrakeAction.RELEASE})
+NOT_DRIVEN: Final = frozenset({BrakeAction.NONE, BrakeAction.RELEASE})
 """The servo is not where the ECU sent it."""
 
 
-class Situation(Enum):
+class Situation(IntEnum):
     """What, besides the node's state, decides."""
 
     NORMAL = auto()
