@@ -6,15 +6,20 @@ two controllers send at once (ISO 11898-1).
 
 from __future__ import annotations
 
+from typing import Final
+
 from canbus.frame import Frame, FrameKind
 from canbus.timing import CRC_BITS, crc15, header_bits
 
-DOMINANT, RECESSIVE = 0, 1
-STUFF_RUN = 5
+DOMINANT: Final = 0
+RECESSIVE: Final = 1
+DATA_SHIFT: Final = 20
+"""A data frame's arbitration key is its identifier, shifted so."""
+STUFF_RUN: Final = 5
 """After so many equal bits the sender puts in one of the other level."""
-TAIL = (RECESSIVE, DOMINANT, RECESSIVE, *[RECESSIVE] * 7)
+TAIL: Final = (RECESSIVE, DOMINANT, RECESSIVE, *[RECESSIVE] * 7)
 """CRC delimiter, acknowledge slot (somebody acknowledges), its delimiter, end of frame."""
-ACK_SLOT_FROM_END = 9
+ACK_SLOT_FROM_END: Final = 9
 """Position of the acknowledge slot, counted back from the end of the frame."""
 
 
@@ -26,8 +31,8 @@ def arbitration_key(frame: Frame) -> int:
     """
     if frame.kind is FrameKind.EXTENDED:
         base, rest = frame.can_id >> 18, frame.can_id & 0x3FFFF
-        return base << 20 | 0b11 << 18 | rest
-    return frame.can_id << 20 | (frame.kind is FrameKind.REMOTE) << 19
+        return base << DATA_SHIFT | 0b11 << 18 | rest
+    return frame.can_id << DATA_SHIFT | (frame.kind is FrameKind.REMOTE) << 19
 
 
 def frame_stream(frame: Frame) -> list[int]:

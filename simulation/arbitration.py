@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import heapq
+from heapq import heapify, heappop, heappush
 
-from canbus.bitstream import arbitration_key
+from canbus.bitstream import DATA_SHIFT, arbitration_key
 from canbus.frame import Frame
 from simulation.controller import Controller
 
@@ -28,28 +28,24 @@ class Arbitration:
 
     def offer(self, controller: Controller, frame: Frame) -> None:
         """A frame takes part from now on; a held controller's when it is released."""
-        self._sequence += 1
-        entry = (arbitration_key(frame), self._sequence, controller, frame)
+        self._sequence = sequence = self._sequence + 1
+        key = frame.can_id << DATA_SHIFT if frame.kind == 0 else arbitration_key(frame)
         if self._held and controller in self._held:
-            self._held[controller].append(entry)
+            self._held[controller].append((key, sequence, controller, frame))
         else:
-            heapq.heappush(self.pending, entry)
+            heappush(self.pending, (key, sequence, controller, frame))
 
     def put_back(self, entries: list[Pending]) -> None:
         """Frames that did not go through take part again, in their old order."""
         for entry in entries:
-            heapq.heappush(self.pending, entry)
-
-    def take(self) -> Pending:
-        """The frame that wins now; there must be one."""
-        return heapq.heappop(self.pending)
+            heappush(self.pending, entry)
 
     def take_twins(self, winner: Pending) -> list[Pending]:
         """Other controllers' frames with the winner's key; one's own second frame has to wait."""
         taken = [winner]
         own: list[Pending] = []
         while self.pending and self.pending[0][0] == winner[0]:
-            entry = heapq.heappop(self.pending)
+            entry = heappop(self.pending)
             is_own = any(entry[2] is other[2] for other in taken)
             (own if is_own else taken).append(entry)
         self.put_back(own)
@@ -59,7 +55,7 @@ class Arbitration:
         """Takes a controller's frames out, held ones too."""
         withdrawn = [entry for entry in self.pending if entry[2] is controller]
         self.pending[:] = [entry for entry in self.pending if entry[2] is not controller]
-        heapq.heapify(self.pending)
+        heapify(self.pending)
         return withdrawn + self._held.pop(controller, [])
 
     def hold(self, controller: Controller) -> None:

@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
 from canbus.frame import Frame
 
-ERROR_PASSIVE_FROM = 128
+ERROR_PASSIVE_FROM: Final = 128
 """Either counter at this: the controller's error flags are recessive and disturb nobody."""
-BUS_OFF_FROM = 256
+BUS_OFF_FROM: Final = 256
 """The transmit counter at this: the controller leaves the bus."""
-RECEIVE_COUNT_AFTER_PASSIVE = 127
+RECEIVE_COUNT_AFTER_PASSIVE: Final = 127
 """What success leaves of a receive counter that was error-passive (the standard: 119 to 127)."""
-SUSPEND_BITS = 8
+SUSPEND_BITS: Final = 8
 """An error-passive sender waits so long after the interframe space before it sends again."""
-RECOVERY_SEQUENCES = 128
-RECOVERY_BITS = 11
+RECOVERY_SEQUENCES: Final = 128
+RECOVERY_BITS: Final = 11
 """A controller comes back from bus-off after 128 times 11 recessive bits in a row."""
 
 
@@ -44,7 +45,7 @@ class Count(Enum):
     NOT_ACKNOWLEDGED = "nobody acknowledged its frame"
 
 
-CHANGE: dict[Count, tuple[int, int]] = {
+CHANGE: Final[dict[Count, tuple[int, int]]] = {
     Count.SENT: (-1, 0),
     Count.RECEIVED: (0, -1),
     Count.SEND_ERROR: (8, 0),
@@ -84,7 +85,7 @@ class ControllerSettings:
             raise ValueError(f"restart_ns {self.restart_ns}: at least 0, or None")
 
 
-DEFAULT_SETTINGS = ControllerSettings()
+DEFAULT_SETTINGS: Final = ControllerSettings()
 
 
 class Controller:
@@ -94,6 +95,7 @@ class Controller:
         transmit_errors, receive_errors: the two counters.
         waiting: frames that were accepted and have not gone through.
         behind: of these, with FIFO order, all but the one that takes part in arbitration.
+        depth, is_fifo: of the settings.
         refused: frames that were not accepted, so far.
         absence: counts the times it has been off the bus.
     """
@@ -101,6 +103,8 @@ class Controller:
     __slots__ = (
         "absence",
         "behind",
+        "depth",
+        "is_fifo",
         "name",
         "receive_errors",
         "refused",
@@ -113,6 +117,8 @@ class Controller:
     def __init__(self, name: str, settings: ControllerSettings = DEFAULT_SETTINGS) -> None:
         self.name = name
         self.settings = settings
+        self.depth = settings.depth
+        self.is_fifo = settings.order is MailboxOrder.FIFO
         self.state = ErrorState.ACTIVE
         self.transmit_errors = 0
         self.receive_errors = 0
@@ -133,19 +139,14 @@ class Controller:
 
     def accept(self, frame: Frame) -> bool:
         """Takes a frame to be sent; True if it takes part in arbitration at once."""
-        if self.waiting >= self.settings.depth or self.state is ErrorState.BUS_OFF:
+        if self.waiting >= self.depth or self.state is ErrorState.BUS_OFF:
             self.refused += 1
             return False
         self.waiting += 1
-        if self.waiting > 1 and self.settings.order is MailboxOrder.FIFO:
+        if self.is_fifo and self.waiting > 1:
             self.behind.append(frame)
             return False
         return True
-
-    def sent(self) -> Frame | None:
-        """One has gone through; the next to take part, if it had to wait for that."""
-        self.waiting -= 1
-        return self.behind.popleft() if self.behind else None
 
     def drop_out(self) -> None:
         """Is off the bus, and forgets what waits."""

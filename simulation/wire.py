@@ -8,6 +8,7 @@ A frame is heard at its end, and the next begins after the interframe space at t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from heapq import heappop
 from typing import Final, Protocol
 
 from canbus.frame import Frame, FrameKind
@@ -133,9 +134,10 @@ class Wire:
         if not frames:
             return
         controller = self.controllers.get(sender) or self._add(sender)
+        offer = self._arbitration.offer
         for frame in frames:
             if controller.accept(frame):
-                self._arbitration.offer(controller, frame)
+                offer(controller, frame)
         if self._pending and not self._is_begun:
             self._plan(true_ns)
 
@@ -154,7 +156,7 @@ class Wire:
         if not pending:  # whoever wanted to send has dropped out meanwhile
             self._is_begun = False
             return
-        first = self._arbitration.take()
+        first = heappop(pending)
         self._current = [first]
         frame = first[3]
         if (
@@ -188,7 +190,8 @@ class Wire:
             self._error = FrameError(bits=0)
             self._end_in_error(true_ns)
             return
-        _, _, controller, frame = self._current[0]
+        first = self._current[0]
+        controller, frame = first[2], first[3]
         self.frames += 1
         for witness in self.witnesses:
             witness(true_ns, controller.name, frame)
@@ -202,13 +205,14 @@ class Wire:
                 station.inbox.append(item)
         else:
             self._deliver_with_care(item, receivers)
-        for _, _, sender, _ in self._current:
-            behind = sender.sent()
-            if behind is not None:
-                self._arbitration.offer(sender, behind)
+        for entry in self._current:
+            sender = entry[2]
+            sender.waiting -= 1
+            if sender.behind:
+                self._arbitration.offer(sender, sender.behind.popleft())
         if self._is_troubled:
             self._count_success()
-        self._go_on(true_ns)
+        self._go_on()
 
     def _deliver_with_care(self, item: WireFrame, receivers: list[Station]) -> None:
         """Some may not get it: who sent the same, whose controller saw it disturbed, a filter."""
@@ -235,13 +239,14 @@ class Wire:
         route = self._routes[can_id] = (sender, receivers)
         return route
 
-    def _go_on(self, true_ns: int) -> None:
+    def _go_on(self) -> None:
         self._is_begun = False
         self._current = []
         for recovery in self._recoveries:
             recovery.ends(self._free_ns)
         if self._pending:
-            self._plan(true_ns)
+            self._is_begun = True
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
 
     # Errors ----------------------------------------------------------------------------------
 
@@ -295,7 +300,7 @@ class Wire:
                 self._leave(true_ns, controller)
         for controller in senders:
             self._suspend(controller)
-        self._go_on(true_ns)
+        self._go_on()
 
     def _count_success(self) -> None:
         senders = [entry[2] for entry in self._current]
