@@ -140,7 +140,8 @@ class GatewayCore:
         frames = self._step_canopen()
         self._judge_traffic()
         for message in messages:
-            self._follow(message)
+            if message.can_id in _FOLLOWED:
+                self._follow(message)
         self._check_supervisor()
         self._take_inputs(sensors)
         is_operational = self._canopen.state is NmtState.OPERATIONAL
@@ -205,8 +206,6 @@ class GatewayCore:
         if node is not None:
             brake: EmergencyBrake = message.content
             self._note_emergency(EmergencyReason(node=node, code=brake.code, reason=brake.reason))
-            return
-        if message.can_id != _SUPERVISOR_ID:
             return
         state: SupervisorState = message.content
         before = self._view
@@ -273,4 +272,5 @@ class GatewayCore:
 
 
 _SUPERVISOR_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
+_FOLLOWED: Final = frozenset({_SUPERVISOR_ID, *EMERGENCY_SENDER})
 _OWN_IDS: Final = sent_by("Gateway")

@@ -188,12 +188,13 @@ class _Step:
 class _Filter:
     """Mean and covariance of the seven states at the time of the last fix or of the start."""
 
-    __slots__ = ("covariance", "mean", "motion")
+    __slots__ = ("_correction", "covariance", "mean", "motion")
 
     def __init__(self, mean: FloatArray, covariance: FloatArray, motion: _Motion) -> None:
         self.mean = mean
         self.covariance = covariance
         self.motion = motion
+        self._correction: OdometryCorrection | None = None
 
     def copy(self) -> "_Filter":
         return _Filter(self.mean.copy(), self.covariance.copy(), self.motion)
@@ -205,13 +206,15 @@ class _Filter:
 
     @property
     def correction(self) -> OdometryCorrection:
-        speed_scale, curvature_scale, offset_per_m, lag_s = self.mean[_CORRECTION].tolist()
-        return OdometryCorrection(
-            speed_scale=speed_scale,
-            curvature_scale=curvature_scale,
-            curvature_offset_per_m=offset_per_m,
-            curvature_lag_s=lag_s,
-        )
+        if self._correction is None:
+            speed_scale, curvature_scale, offset_per_m, lag_s = self.mean[_CORRECTION].tolist()
+            self._correction = OdometryCorrection(
+                speed_scale=speed_scale,
+                curvature_scale=curvature_scale,
+                curvature_offset_per_m=offset_per_m,
+                curvature_lag_s=lag_s,
+            )
+        return self._correction
 
     def predict(self, motion: _Motion) -> None:
         """Go on to a later measurement."""
@@ -245,6 +248,7 @@ class _Filter:
         self.mean[:3] = (moved.x_m, moved.y_m, moved.heading_rad)
         strayed = self.mean[_CORRECTION] - _NOMINAL
         self.mean[_CORRECTION] = _NOMINAL + kept[_CORRECTION] * strayed
+        self._correction = None
         self.motion = motion
 
     def correct(self, x_m: float, y_m: float, variance_m2: float, gated: bool) -> bool:
@@ -259,6 +263,7 @@ class _Filter:
             spread = spread + given_way
         gain = np.linalg.solve(spread, self.covariance[_POSITION]).T
         self.mean = self.mean + gain @ innovation
+        self._correction = None
         # Joseph's form: stays symmetric and positive over any number of fixes.
         kept = _IDENTITY.copy()
         kept[:, _POSITION] -= gain

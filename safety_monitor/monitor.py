@@ -66,6 +66,7 @@ VALUE_MAX: Final = 4095
 
 _DRIVERS: Final = ("STEER_DRIVER", "THROTTLE_DRIVER", "BRAKE_DRIVER")
 _COMMANDS: Final = ("STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND")
+_DATA: Final = FrameKind.DATA
 _STATE_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
 _REQUEST_ID: Final = SPEC_OF_NAME["MODE_REQUEST"].can_id
 _WATCHED: Final = tuple(
@@ -162,12 +163,13 @@ class SafetyMonitor:
     ) -> None:
         """Rates above the DBC's, frames of nobody's, frames ignored, our own identifier."""
         for item in received:
-            limit = self._rates.get(item.frame.can_id)
-            if limit is None or item.frame.kind is not FrameKind.DATA:
+            frame = item.frame
+            limit = self._rates.get(frame.can_id)
+            if limit is None or frame.kind is not _DATA:
                 continue  # an extended frame's number may be the same, its identifier is not
             share = limit.share(item.arrival_ns)
             if share > 1.0:
-                findings.append(_hazard(MonitorReason.RATE_TOO_HIGH, item.frame.can_id, share))
+                findings.append(_hazard(MonitorReason.RATE_TOO_HIGH, frame.can_id, share))
         if self._endpoint.is_bus_off:  # what was said meanwhile is not known
             findings.append(_hazard(MonitorReason.FRAME_MISSING))
             self._event(EventKind.FRAME, "bus-off")

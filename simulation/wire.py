@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from canbus.frame import Frame
-from canbus.timing import frame_time_ns
+from canbus.timing import DATA_BYTES_MAX, bits_time_ns, frame_bits, frame_bits_max
 from simulation.kernel import Kernel
 
 WIRE_PRIORITY: Final = 0
@@ -50,7 +50,8 @@ class Wire:
 
     def __init__(self, kernel: Kernel, bitrate_bps: int) -> None:
         self._kernel = kernel
-        self._bitrate_bps = bitrate_bps
+        bits_max = frame_bits_max(DATA_BYTES_MAX, extended=True)
+        self._span_ns_of_bits = [bits_time_ns(n, bitrate_bps) for n in range(bits_max + 1)]
         self._stations: list[Station] = []
         self._pending: list[tuple[int, int, str, Frame]] = []
         self._sequence = 0
@@ -84,7 +85,7 @@ class Wire:
         _, _, sender, frame = heapq.heappop(self._pending)
         self._is_busy = True
         self._sender, self._frame = sender, frame
-        self._span_ns = frame_time_ns(frame, self._bitrate_bps)
+        self._span_ns = self._span_ns_of_bits[frame_bits(frame)]
         self._kernel.at(true_ns + self._span_ns, WIRE_PRIORITY, self._end)
 
     def _end(self, true_ns: int) -> None:

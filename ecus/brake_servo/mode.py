@@ -10,7 +10,7 @@ Rules:
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 from typing import Final
 
 from dbc.messages import NodeState
@@ -26,7 +26,7 @@ class BrakeAction(Enum):
     REST = auto()
 
 
-class Situation(Enum):
+class Situation(IntEnum):
     """What, besides the node's state, decides."""
 
     NORMAL = auto()

@@ -9,13 +9,13 @@ Rules:
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import IntEnum, auto
 from typing import Final
 
 from dbc.messages import NodeState
 
 
-class NodeEvent(Enum):
+class NodeEvent(IntEnum):
     """One event a step, highest priority first."""
 
     MANUAL = auto()

@@ -12,13 +12,13 @@ Rules (design, driving modes):
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import IntEnum, auto
 from typing import Final
 
 from dbc.messages import Mode
 
 
-class ModeEvent(Enum):
+class ModeEvent(IntEnum):
     """One event a step, highest priority first."""
 
     ADOPT = auto()

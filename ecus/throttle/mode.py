@@ -9,7 +9,7 @@ Rules:
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 from typing import Final
 
 from dbc.messages import NodeState
@@ -25,7 +25,7 @@ class ThrottleAction(Enum):
     REGENERATE = auto()
 
 
-class Situation(Enum):
+class Situation(IntEnum):
     """What, besides the node's state, decides."""
 
     NORMAL = auto()
