@@ -28,7 +28,7 @@ INTERPRETED = frozenset({
     "canbus/node.py",  # a generic class with slots: mypyc cannot rewrite it
     "dbc/database.py", "dbc/generate.py", "dbc/harness.py",  # not in the loop
     "gateway/api.py", "gateway/connect.py", "gateway/procedures.py", "gateway/errors.py",
-    "gateway/sentences.py",
+    "gateway/node_health.py", "gateway/sentences.py",
 })
 
 SETUP = """
