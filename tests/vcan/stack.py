@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Self
@@ -24,11 +24,10 @@ from canbus.node import Event
 from canbus.python_can_bus import PythonCanBus
 from dbc.codec import Decoded, decode
 from dbc.endpoint import STOPPING_IDS
-from dbc.harness import DriverHandsWire
-from dbc.messages import Inhibit, Mode, SupervisorState
-from gateway.sentences import INHIBIT_TEXT
+from dbc.messages import Mode, SupervisorState
+from gateway.sentences import ONLY_THE_BUTTON
 from runtime.clock import NS_PER_S, monotonic_ns
-from runtime.harness import decode_harness, harness_frame
+from runtime.harness import HANDS_OFF, decode_harness, harness_frame
 from runtime.node_process import run_node_process
 from runtime.nodes import NODES, PLANT
 from runtime.plant_process import ACCEPTANCE, PlantSide, build_car, run_plant
@@ -42,15 +41,10 @@ PRELOAD = [
     "ecus.supervisor.ecu", "safety_monitor.monitor", "can.interfaces.socketcan",
 ]
 PLANNER = "planner"
-ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
 MOVING_MPS = 2.0
 RECOVERY_S_MAX = 20.0
 VEHICLE_BUS, HARNESS_BUS = "vcan0", "vcan1"
 VEHICLE = "tabby_evo"
-HANDS_OFF: dict[str, Any] = {
-    "steering_torque_nm": 0.0, "throttle_pedal_ratio": 0.0, "brake_pedal_ratio": 0.0,
-    "button_pressed": False, "emergency_stop_pressed": False,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +156,7 @@ class Stack:
         self.processes: dict[str, Any] = {}
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(PRELOAD)
-        self._hands = dict(HANDS_OFF)
+        self._hands = HANDS_OFF
         self._harness = PythonCanBus(
             "socketcan", HARNESS_BUS, clock=monotonic_ns, acceptance=frozenset()
         )
@@ -241,9 +235,9 @@ class Stack:
 
     def hands(self, **inputs: Any) -> float:
         """What the driver does from now on; answers the time, comparable with the log's."""
-        self._hands.update(inputs)
+        self._hands = replace(self._hands, **inputs)
         now_s = time.time()
-        assert self._harness.send(harness_frame("DRIVER_HANDS", DriverHandsWire(**self._hands)))
+        assert self._harness.send(harness_frame("DRIVER_HANDS", self._hands))
         return now_s
 
     def break_(self, name: str, value: Any = True) -> float:
@@ -277,9 +271,10 @@ class Stack:
                 self.start(name)
         self._control.send(("repair", None))
         self.planner.stop()
-        self.hands(**{**HANDS_OFF, "brake_pedal_ratio": 0.6})
+        self._hands = HANDS_OFF
+        self.hands(brake_pedal_ratio=0.6)
         self.wait(lambda: abs(self.truth().speed_mps) < 0.01, 10.0)
-        self.hands(**HANDS_OFF)
+        self.hands(brake_pedal_ratio=0.0)
         self.wait(self._is_ready, RECOVERY_S_MAX)
 
     def _is_ready(self) -> bool:
