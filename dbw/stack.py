@@ -106,10 +106,12 @@ def _wants_plant(vehicle: str, plant: str | None) -> bool:
 def _open_once(interface: str, bitrate_bps: int | None, *channels: str) -> None:
     """Opens each bus once, so that one line tells what six processes would tell six times."""
     from canbus.python_can_bus import PythonCanBus
-    from runtime.clock import monotonic_ns
+    from runtime.clock import monotonic_ns, realtime_ns
 
     for channel in channels:
-        with PythonCanBus(interface, channel, clock=monotonic_ns, bitrate=bitrate_bps):
+        with PythonCanBus(
+            interface, channel, clock=monotonic_ns, realtime=realtime_ns, bitrate=bitrate_bps
+        ):
             pass
 
 
@@ -239,11 +241,13 @@ def _print_processes(state: StackState) -> bool:
 def _listen(state: StackState) -> BusStatus | None:
     from canbus.bus import BusError
     from canbus.python_can_bus import PythonCanBus
-    from runtime.clock import monotonic_ns
+    from runtime.clock import monotonic_ns, realtime_ns
     from runtime.status import listen
 
     try:
-        with PythonCanBus(state.interface, state.channel, clock=monotonic_ns) as bus:
+        with PythonCanBus(
+            state.interface, state.channel, clock=monotonic_ns, realtime=realtime_ns
+        ) as bus:
             return listen(bus, monotonic_ns)
     except BusError as error:
         click.echo(f"the bus cannot be heard: {error}", err=True)
