@@ -273,6 +273,8 @@ def _print_bus(state: StackState, bus: BusStatus) -> bool:
         click.echo(f"  {node.name:<15} {heard:<15} {nmt:<16} {own}".rstrip())
     for fault, count in bus.bad_frames.items():
         click.echo(f"  bad frames: {count} {fault.name}")
+    if bus.error_frames:
+        click.echo(f"  error frames: {bus.error_frames}")
     if bus.unknown_ids:
         click.echo(f"  unknown: {' '.join(f'0x{can_id:03X}' for can_id in bus.unknown_ids)}")
     return all(node.is_heard for node in bus.nodes if node.name != "Gateway")
