@@ -29,7 +29,8 @@ INTERPRETED = frozenset({
     "canbus/canopen_node.py",  # subclasses an untyped library's classes
     "dbc/database.py", "dbc/generate.py", "dbc/harness.py",  # not in the loop
     "gateway/api.py",  # an asynchronous generator: mypyc has none
-    "gateway/connect.py", "gateway/procedures.py", "gateway/errors.py", "gateway/sentences.py",
+    "gateway/connect.py", "gateway/procedures.py", "gateway/errors.py", "gateway/node_health.py",
+    "gateway/sentences.py",
 })
 
 SETUP = """

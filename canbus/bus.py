@@ -12,6 +12,20 @@ ERROR_CLASS_CONTROLLER = 0x004
 ERROR_CLASS_BUS_OFF = 0x040
 CONTROLLER_RX_OVERFLOW = 0x01
 
+ERROR_CLASS_TEXT = {
+    0x001: "transmission timed out",
+    0x002: "arbitration lost",
+    ERROR_CLASS_CONTROLLER: "trouble in the controller",
+    0x008: "protocol violated",
+    0x010: "trouble in the transceiver",
+    0x020: "nobody acknowledged",
+    ERROR_CLASS_BUS_OFF: "bus-off",
+    0x080: "bus error",
+    0x100: "restarted",
+    0x200: "errors were counted",
+}
+"""Every class of linux/can/error.h."""
+
 
 class BusError(RuntimeError):
     """The bus cannot be opened. One line: what is wrong and what to do about it."""
@@ -30,6 +44,7 @@ class BusStatistics:
         rx_lost: frames lost in the kernel's receive queue, because nobody read it in time.
         rx_failures: reads that failed because the interface went down or away.
         error_frames: error frames among the received ones.
+        error_classes: bits of all classes they belonged to; `error_classes_text` tells them.
     """
 
     sent: int = 0
@@ -39,6 +54,7 @@ class BusStatistics:
     rx_lost: int = 0
     rx_failures: int = 0
     error_frames: int = 0
+    error_classes: int = 0
 
 
 class Bus(Protocol):
@@ -68,6 +84,11 @@ class Bus(Protocol):
     def close(self) -> None:
         """Close the interface; closing twice is harmless."""
         ...
+
+
+def error_classes_text(classes: int) -> str:
+    """The classes of error frames in words."""
+    return ", ".join(text for bit, text in ERROR_CLASS_TEXT.items() if classes & bit)
 
 
 def is_bus_off(frame: Frame) -> bool:

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import can
 
-from canbus.bus import BusError, BusStatistics, is_receive_overflow
+from canbus.bus import ERROR_CLASS_TEXT, BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
 from canbus.socketcan import Arrivals, make_room, receive_drops
 
@@ -23,6 +23,9 @@ RECEIVE_FRAMES_MAX = 4096
 GONE = (errno.ENODEV, errno.ENXIO)
 """Errors of a socket whose device was removed (a USB adapter): it never comes back to life, not
 even when the device does. One whose link is merely down does (ENETDOWN, told once)."""
+
+ERROR_CLASSES = sum(ERROR_CLASS_TEXT)
+"""Of an error frame's identifier, the bits that say what it is about."""
 
 REOPEN_INTERVAL_NS = 1_000_000_000
 """How often a device that was removed is looked for."""
@@ -88,6 +91,7 @@ class PythonCanBus:
         self._rx_lost = 0
         self._rx_failures = 0
         self._error_frames = 0
+        self._error_classes = 0
 
     def __enter__(self) -> Self:
         """Open the interface.
@@ -200,6 +204,7 @@ class PythonCanBus:
             rx_lost=self._rx_lost + self._lost_in_queue(),
             rx_failures=self._rx_failures,
             error_frames=self._error_frames,
+            error_classes=self._error_classes,
         )
 
     def _read(self, wait_s: float) -> can.Message | None:
@@ -220,6 +225,7 @@ class PythonCanBus:
         frame = _to_frame(message)
         if frame.kind is FrameKind.ERROR:
             self._error_frames += 1
+            self._error_classes |= frame.can_id & ERROR_CLASSES
             self._rx_dropped += is_receive_overflow(frame)
         elif self._acceptance is not None and frame.can_id not in self._acceptance:
             return

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from dbc.messages import Inhibit, Mode
+from dbc.messages import Mode
 from dbw.plan import DrivePlan
 from dbw.stage import DriveFailed, Stage
 from gateway.api import Car
 from gateway.errors import DisengageFailed, EngageRefused, LinkFailed
-from gateway.sentences import INHIBIT_TEXT
+from gateway.sentences import ONLY_THE_BUTTON
 from gateway.state import CarState
 from planner.localisation import Localiser
 from planner.pure_pursuit import DONE_SPEED_MPS, PurePursuit
@@ -28,9 +28,6 @@ STAND_S_MAX: Final = 8.0
 
 SETTLE_S: Final = 1.0
 """Least time watched after an early end."""
-
-ONLY_THE_BUTTON: Final = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
-"""What the state says when everything else is well."""
 
 NS_PER_S: Final = 1_000_000_000
 

@@ -106,10 +106,12 @@ def _wants_plant(vehicle: str, plant: str | None) -> bool:
 def _open_once(interface: str, bitrate_bps: int | None, *channels: str) -> None:
     """Opens each bus once, so that one line tells what six processes would tell six times."""
     from canbus.python_can_bus import PythonCanBus
-    from runtime.clock import monotonic_ns
+    from runtime.clock import monotonic_ns, realtime_ns
 
     for channel in channels:
-        with PythonCanBus(interface, channel, clock=monotonic_ns, bitrate=bitrate_bps):
+        with PythonCanBus(
+            interface, channel, clock=monotonic_ns, realtime=realtime_ns, bitrate=bitrate_bps
+        ):
             pass
 
 
@@ -239,11 +241,13 @@ def _print_processes(state: StackState) -> bool:
 def _listen(state: StackState) -> BusStatus | None:
     from canbus.bus import BusError
     from canbus.python_can_bus import PythonCanBus
-    from runtime.clock import monotonic_ns
+    from runtime.clock import monotonic_ns, realtime_ns
     from runtime.status import listen
 
     try:
-        with PythonCanBus(state.interface, state.channel, clock=monotonic_ns) as bus:
+        with PythonCanBus(
+            state.interface, state.channel, clock=monotonic_ns, realtime=realtime_ns
+        ) as bus:
             return listen(bus, monotonic_ns)
     except BusError as error:
         click.echo(f"the bus cannot be heard: {error}", err=True)
@@ -269,6 +273,8 @@ def _print_bus(state: StackState, bus: BusStatus) -> bool:
         click.echo(f"  {node.name:<15} {heard:<15} {nmt:<16} {own}".rstrip())
     for fault, count in bus.bad_frames.items():
         click.echo(f"  bad frames: {count} {fault.name}")
+    if bus.error_frames:
+        click.echo(f"  error frames: {bus.error_frames}")
     if bus.unknown_ids:
         click.echo(f"  unknown: {' '.join(f'0x{can_id:03X}' for can_id in bus.unknown_ids)}")
     return all(node.is_heard for node in bus.nodes if node.name != "Gateway")

@@ -11,21 +11,22 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from canbus.frame import ReceivedFrame
 from canbus.python_can_bus import PythonCanBus
-from dbc.harness import DriverHandsWire, PlantMotionWire, PlantPositionWire
+from dbc.harness import PlantMotionWire, PlantPositionWire
 from dbw.plan import DrivePlan
 from dbw.stage import DriveFailed
 from gateway.api import Car
 from gateway.connect import connect
 from planner.gnss import GnssFix, GnssReceiver
 from planner.pose import Pose
-from runtime.clock import NS_PER_S, monotonic_ns
-from runtime.harness import SPEC_OF_NAME, decode_harness, harness_frame
+from runtime.clock import NS_PER_S, monotonic_ns, realtime_ns
+from runtime.harness import HANDS_OFF, SPEC_OF_NAME, decode_harness, harness_frame
 from runtime.launch import InProcessStack, ProcessStack, StackSettings
 from simulation.trace import Trace
 from telemetry.bus_log import BusLog
@@ -157,7 +158,9 @@ class WallStage:
         self._listener: TruthListener | None = None
         self._start = plan.line.start
         self._receiver = GnssReceiver(np.random.default_rng(seed))
-        self._log_bus = PythonCanBus(interface, channel, clock=monotonic_ns)
+        self._log_bus = PythonCanBus(
+            interface, channel, clock=monotonic_ns, realtime=realtime_ns
+        )
         self.log = BusLog()
         self.recorder = DriveRecorder()
         self.car: Car = connect(
@@ -201,13 +204,7 @@ class WallStage:
         """The person in the car presses Auto/Manual and lets go."""
         with self._harness_bus(frozenset()) as bus:
             for is_pressed in (True, False):
-                hands = DriverHandsWire(
-                    steering_torque_nm=0.0,
-                    throttle_pedal_ratio=0.0,
-                    brake_pedal_ratio=0.0,
-                    button_pressed=is_pressed,
-                    emergency_stop_pressed=False,
-                )
+                hands = replace(HANDS_OFF, button_pressed=is_pressed)
                 bus.send(harness_frame("DRIVER_HANDS", hands))
                 threading.Event().wait(BUTTON_S)
 
@@ -225,7 +222,11 @@ class WallStage:
 
     def _harness_bus(self, acceptance: frozenset[int]) -> PythonCanBus:
         return PythonCanBus(
-            self._interface, self._harness_channel, clock=monotonic_ns, acceptance=acceptance
+            self._interface,
+            self._harness_channel,
+            clock=monotonic_ns,
+            realtime=realtime_ns,
+            acceptance=acceptance,
         )
 
 

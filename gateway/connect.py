@@ -63,6 +63,7 @@ class BusLink:
             interface,
             channel,
             clock=time.monotonic_ns,
+            realtime=time.time_ns,
             bitrate=bitrate_bps,
             acceptance=self._core.acceptance,
         )

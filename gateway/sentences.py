@@ -49,6 +49,9 @@ INHIBIT_TEXT: dict[Inhibit, str] = {
     Inhibit.NODE_UNHEALTHY: "an ECU reports a fault: see node_health, remove the cause",
 }
 
+ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
+"""What the state says in MANUAL when everything else is well."""
+
 MONITOR_TEXT: dict[MonitorReason, str] = {
     MonitorReason.NONE: "no reason given",
     MonitorReason.STARTING: "it has not seen everything healthy yet",

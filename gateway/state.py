@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 from dbc.endpoint import SPEC_OF_NAME, Endpoint
@@ -32,6 +31,7 @@ from dbc.messages import (
     ThrottleStatus,
 )
 from gateway.kinematics import Kinematics
+from gateway.node_health import HealthByNode, NodeHealth
 from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
 
 NS_PER_S: Final = 1_000_000_000
@@ -85,47 +85,6 @@ EMERGENCY_SENDER: Final = {
 """Node by the identifier of its EMERGENCY_BRAKE."""
 
 MessageT = TypeVar("MessageT")
-
-
-@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
-class NodeHealth:
-    """One node as heard over the bus."""
-
-    heartbeat: Final[HeartbeatState | None]
-    """NMT state; None when no heartbeat comes."""
-    age_s: Final[float]
-    """Age of its newest protected 10 ms frame; infinite before the first."""
-    is_heard: Final[bool]
-    """Whether that frame came within the DBC's time-out."""
-    node_state: Final[NodeState | None]
-    """State of a steer, throttle or brake node; None when not told or too old."""
-    codes: Final[tuple[ErrorCode, ...] | None]
-    """Codes it reports in its driver frame; None when that frame is too old."""
-
-    def __init__(
-        self,
-        *,
-        heartbeat: HeartbeatState | None,
-        age_s: float,
-        is_heard: bool,
-        node_state: NodeState | None,
-        codes: tuple[ErrorCode, ...] | None,
-    ) -> None:
-        self.heartbeat = heartbeat
-        self.age_s = age_s
-        self.is_heard = is_heard
-        self.node_state = node_state
-        self.codes = codes
-
-    @property
-    def is_healthy(self) -> bool:
-        """Operational, heard, without a code, in no safe state. Missing data is unhealthy."""
-        return (
-            self.is_heard
-            and self.heartbeat is HeartbeatState.OPERATIONAL
-            and self.codes == ()
-            and self.node_state in (None, NodeState.RELEASED, NodeState.ACTIVE)
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,7 +196,7 @@ def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnS
         codes=None if supervisor is None else codes_of(supervisor),
         reset_epoch=None if supervisor is None else supervisor.reset_epoch,
         emergency_reason=own.emergency_reason,
-        node_health=MappingProxyType(health),
+        node_health=HealthByNode(health),
         supervisor_state_age_s=supervisor_age_s,
         steering_age_s=health["Steering"].age_s,
         throttle_age_s=health["Throttle"].age_s,

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from canbus.bus import Bus
 from canbus.frame import Frame, FrameKind, ReceivedFrame
 from dbc.codec import encode
-from dbc.harness import SPECS
+from dbc.harness import SPECS, DriverHandsWire
 from dbc.spec import MessageSpec, SignalRangeError
 from runtime.clock import NS_PER_S
 
@@ -28,6 +28,15 @@ EDGE_AGE_S_MAX = 1.0
 
 SPEC_OF_NAME: dict[str, MessageSpec] = {spec.name: spec for spec in SPECS.values()}
 """Harness messages by their DBC name."""
+
+HANDS_OFF = DriverHandsWire(
+    steering_torque_nm=0.0,
+    throttle_pedal_ratio=0.0,
+    brake_pedal_ratio=0.0,
+    button_pressed=False,
+    emergency_stop_pressed=False,
+)
+"""A driver who does nothing."""
 
 SensorsT = TypeVar("SensorsT", covariant=True)
 ActuatorT = TypeVar("ActuatorT", contravariant=True)

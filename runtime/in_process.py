@@ -14,10 +14,9 @@ from typing import Any, Self
 from canbus.frame import ReceivedFrame
 from canbus.node import Event, EventKind, Node, StepOutput
 from canbus.python_can_bus import PythonCanBus
-from dbc.harness import DriverHandsWire
 from runtime.clock import NS_PER_S, Clock, monotonic_ns
 from runtime.errors import LaunchError
-from runtime.harness import HarnessPort, harness_frame
+from runtime.harness import HANDS_OFF, HarnessPort, harness_frame
 from runtime.node_process import NodeResult, run_node
 from runtime.nodes import NODES, PLANT, STOP_ORDER, build_node, build_wires, node_entry
 from runtime.plant_process import ACCEPTANCE, PLANT_NODE, PlantSide, build_car, run_plant
@@ -34,14 +33,6 @@ BUTTON_S = 0.15
 SWITCH_INTERVAL_S = 0.000_5
 """A thread that computes gives way after this long while others wait. Python's own 5 ms is half a
 cycle: a planner in the same process would delay every node."""
-
-HANDS_OFF = DriverHandsWire(
-    steering_torque_nm=0.0,
-    throttle_pedal_ratio=0.0,
-    brake_pedal_ratio=0.0,
-    button_pressed=False,
-    emergency_stop_pressed=False,
-)
 
 NodeBuilder = Callable[[str, Vehicle], Node[Any, Any]]
 

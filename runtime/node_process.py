@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from canbus.bus import Bus, BusStatistics
+from canbus.bus import Bus, BusStatistics, error_classes_text
 from canbus.frame import ReceivedFrame
 from canbus.node import PERIOD_NS, Event, EventKind, Node
 from runtime.clock import NS_PER_MS, NS_PER_S, Clock, monotonic_ns
@@ -34,8 +34,9 @@ LOSSES = {
     "rx_lost": "frames lost in the kernel's receive queue so far",
     "rx_dropped": "overflows of the controller's receive buffer so far",
     "rx_failures": "reads failed so far: the interface is or was down",
+    "error_frames": "error frames of the controller so far",
 }
-"""Counters of the bus that mean that something was lost, and how they are told."""
+"""Counters of the bus that mean that something is wrong with it, and how they are told."""
 
 Report = Callable[[Event], None]
 """Where events go. Called from the node's own thread."""
@@ -115,7 +116,9 @@ class _Watch:
             self._tell(now_ns, EventKind.OVERRUN, text)
         for name, words in LOSSES.items():
             if lost[name] > self._told_lost[name]:
-                self._tell(now_ns, EventKind.FRAME, f"{lost[name]} {words}")
+                is_error = name == "error_frames"
+                what = f": {error_classes_text(statistics.error_classes)}" if is_error else ""
+                self._tell(now_ns, EventKind.FRAME, f"{lost[name]} {words}{what}")
         self._told_late, self._told_lost, self._told_ns = late, lost, now_ns
 
     def _tell(self, now_ns: int, kind: EventKind, text: str) -> None:

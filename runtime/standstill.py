@@ -10,7 +10,7 @@ from canbus.frame import Frame
 from canbus.python_can_bus import PythonCanBus
 from dbc.endpoint import FAILSAFE_ID, Endpoint
 from dbc.messages import Mode, SupervisorState, ThrottleStatus
-from runtime.clock import Clock
+from runtime.clock import Clock, realtime_ns
 
 LOOK_NS = 20_000_000
 HEAR_NS_MAX = 200_000_000
@@ -51,7 +51,11 @@ class StandstillWait:
         """Waits; answers whether the car stands or is not the system's. `hurry` cuts it short."""
         endpoint = Endpoint("Launcher", WANTED)
         bus = PythonCanBus(
-            self._interface, self._channel, clock=self._clock, acceptance=endpoint.acceptance
+            self._interface,
+            self._channel,
+            clock=self._clock,
+            realtime=realtime_ns,
+            acceptance=endpoint.acceptance,
         )
         try:
             with bus:

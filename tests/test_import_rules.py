@@ -172,6 +172,15 @@ def test_clocks_are_read_in_two_places() -> None:
 
 
 @EVERY_FILE
+def test_a_bus_that_may_be_socketcan_takes_the_kernels_times_of_arrival(name: str) -> None:
+    for node in ast.walk(tree(name)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "PythonCanBus":
+            is_virtual = ast.unparse(node.args[0]) == "VIRTUAL"
+            given = {keyword.arg for keyword in node.keywords}
+            assert is_virtual or "realtime" in given, f"{name}:{node.lineno}"
+
+
+@EVERY_FILE
 def test_only_what_a_person_starts_prints(name: str) -> None:
     if name.startswith(("dbw/", "bench/", "examples/")):
         return

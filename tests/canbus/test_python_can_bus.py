@@ -15,7 +15,7 @@ import can
 import pytest
 
 from canbus import python_can_bus
-from canbus.bus import BusError, BusStatistics, is_bus_off, is_receive_overflow
+from canbus.bus import BusError, BusStatistics, error_classes_text, is_bus_off, is_receive_overflow
 from canbus.frame import Frame, FrameKind
 from canbus.python_can_bus import PythonCanBus
 
@@ -152,7 +152,10 @@ def test_statistics_count_both_directions_and_error_frames(
         one.send(frame)
     other.receive(0)
     assert one.statistics == BusStatistics(sent=3)
-    assert other.statistics == BusStatistics(received=3, error_frames=2, rx_dropped=1)
+    assert other.statistics == BusStatistics(
+        received=3, error_frames=2, error_classes=0x044, rx_dropped=1
+    )
+    assert error_classes_text(0x044) == "trouble in the controller, bus-off"
 
 
 def test_bus_off_and_overflow_are_recognised_in_error_frames_only() -> None:

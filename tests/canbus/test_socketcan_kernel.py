@@ -17,7 +17,10 @@ from canbus.bus import BusStatistics
 from canbus.frame import Frame
 from canbus.python_can_bus import PythonCanBus
 from canbus.socketcan import FRAME_BYTES, SO_MEMINFO
+from gateway.connect import BusLink
 from runtime.clock import NS_PER_MS, monotonic_ns, realtime_ns
+from tests.gateway.scripted import Rig
+from vehicles import load_vehicle
 
 CHANNEL = "vcan77"
 
@@ -98,6 +101,26 @@ def test_arrival_is_when_the_frame_was_sent_and_not_when_it_is_read(pair: Pair) 
     pause.wait(0.05)
     (received,) = receiver.receive(0)
     assert begin_ns <= received.arrival_ns <= monotonic_ns() - 40 * NS_PER_MS
+
+
+def test_a_frame_that_waits_for_a_busy_gateway_is_as_old_as_the_wire_says(pair: Pair) -> None:
+    sender, _ = pair
+    gateway = BusLink(
+        "socketcan", CHANNEL, vehicle=load_vehicle("tabby_evo"), planner_period_ns=20 * NS_PER_MS
+    )
+    others, pause = Rig(), threading.Event()
+    gateway.open()
+    try:
+        pause.wait(0.1)
+        with gateway._lock:  # its thread cannot go on, as under a planner that computes
+            pause.wait(0.02)
+            for _ in range(3):
+                sender.send(others.frame("SUPERVISOR_STATE", others.content["SUPERVISOR_STATE"]))
+            pause.wait(0.05)
+        pause.wait(0.03)
+        assert gateway.state().supervisor_state_age_s >= 0.075
+    finally:
+        gateway.close()
 
 
 def test_a_link_that_goes_down_is_silence_and_comes_back(pair: Pair) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import FrozenInstanceError
+import pickle
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError, asdict
 from typing import Any
 
 import pytest
@@ -21,8 +24,9 @@ from dbc.messages import (
     Verdict,
 )
 from gateway.core import PlannerInputs
+from gateway.node_health import NodeHealth
 from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
-from gateway.state import CarState, NodeHealth
+from gateway.state import CarState
 from tests.gateway.scripted import Rig
 
 NODES = {"Supervisor", "Steering", "Throttle", "BrakeServo", "SafetyMonitor", "Gateway"}
@@ -57,6 +61,22 @@ def test_state_is_frozen() -> None:
         state.mode = Mode.AUTOMATIC  # type: ignore[misc]
     with pytest.raises(TypeError):
         state.node_health["Steering"] = state.node_health["Gateway"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    "through", [copy.copy, copy.deepcopy, lambda state: pickle.loads(pickle.dumps(state))]
+)
+def test_state_can_be_copied_and_handed_to_another_process(
+    through: Callable[[CarState], CarState],
+) -> None:
+    state = Rig().start().state()
+    twin = through(state)
+    # By their texts, for NaN equals nothing.
+    assert repr(twin) == repr(state)
+    assert twin.node_health == state.node_health
+    with pytest.raises(TypeError):
+        twin.node_health["Steering"] = twin.node_health["Gateway"]  # type: ignore[index]
+    assert asdict(twin)["mode"] is Mode.READY
 
 
 def test_healthy_bus_reads_healthy() -> None:

@@ -32,6 +32,7 @@ class FakeBus:
         self.refuses = False
         self.refused = 0
         self.rx_lost = 0
+        self.error_frames = 0
         self.waits: list[int] = []
 
     def __enter__(self) -> Self:
@@ -61,7 +62,8 @@ class FakeBus:
     @property
     def statistics(self) -> BusStatistics:
         return BusStatistics(
-            sent=len(self.sent), tx_failures=self.refused, rx_lost=self.rx_lost
+            sent=len(self.sent), tx_failures=self.refused, rx_lost=self.rx_lost,
+            error_frames=self.error_frames, error_classes=0x0A0,
         )
 
     def close(self) -> None:

@@ -134,6 +134,18 @@ def test_frames_lost_in_the_receive_queue_are_reported_with_their_number() -> No
     assert events[0].text == "3 frames lost in the kernel's receive queue so far"
 
 
+def test_error_frames_are_reported_with_their_number_and_in_words() -> None:
+    clock = FakeClock()
+    bus = FakeBus(clock)
+
+    def work(now_ns: int) -> None:
+        bus.error_frames = 2 if now_ns >= 20 * MS else 0
+
+    _, events = run(FakeNode(work), clock=clock, bus=bus)
+    text = "2 error frames of the controller so far: nobody acknowledged, bus error"
+    assert [event.text for event in events] == [text]
+
+
 def test_node_whose_step_raises_ends_by_name_and_moves_nothing_more() -> None:
     clock, port = FakeClock(), FakePort()
 

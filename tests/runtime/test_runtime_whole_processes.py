@@ -20,8 +20,7 @@ from dbc.messages import Mode
 from gateway.api import Car
 from gateway.connect import connect
 from runtime.clock import monotonic_ns
-from runtime.harness import harness_frame
-from runtime.in_process import HANDS_OFF
+from runtime.harness import HANDS_OFF, harness_frame
 from runtime.launch import ProcessStack, StackSettings
 from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest

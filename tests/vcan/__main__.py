@@ -1,12 +1,15 @@
 """`python -m tests.vcan [PYTEST ARGUMENT ...]`: the suite where SocketCAN is.
 
 On this host, if it has vcan0, vcan1, can0 and can1 and we are root; else in virtual machines, two
-at a time, whose clocks count instructions, so that times do not depend on the host's load.
+at a time, whose clocks count instructions, so that times do not depend on the host's load. What
+was measured is then in `out/vcan/latency.md`, and printed.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,6 +18,7 @@ from typing import BinaryIO
 
 from runtime.vm import Image, Machine, MachineSettings, VmError, prepare
 from tests.vcan import VARIABLE
+from tests.vcan.latency import read_rows, table
 
 NETWORKS = ("vcan0", "vcan1", "can0", "can1")
 TIMEOUT_S = 2400.0
@@ -25,37 +29,56 @@ EXIT_NOTHING = 5
 """Of pytest: the arguments chose none of the tests."""
 
 FOLDER = Path(__file__).parent
+OUT = FOLDER.parents[1] / "out" / "vcan"
 PYTEST = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
 
 
 def main(arguments: list[str]) -> int:
     """The worst exit code of pytest, or 2 when there is no machine to run it in."""
-    os.environ[VARIABLE] = "1"
-    if all(Path("/sys/class/net", name).exists() for name in NETWORKS) and os.geteuid() == 0:
-        os.execv(sys.executable, [*PYTEST, str(FOLDER), *arguments])
+    is_here = all(Path("/sys/class/net", name).exists() for name in NETWORKS)
     files = sorted(path.name for path in FOLDER.glob("test_*.py"))
     parts = [list(HALF), [name for name in files if name not in HALF]]
+    if is_here and os.geteuid() == 0:
+        parts = [files]
+    shutil.rmtree(OUT, ignore_errors=True)
+    folders = [OUT / str(number) for number in range(len(parts))]
+    for folder in folders:
+        folder.mkdir(parents=True)
+    commands = [_command(*part, arguments) for part in zip(folders, parts, strict=True)]
     try:
-        image = prepare(lambda step, text: _say(text))
-        with ThreadPoolExecutor(len(parts)) as pool, TemporaryFile() as later:
-            sinks = (sys.stdout.buffer, later)
-            runs = [
-                pool.submit(_run, image, part, arguments, sink)
-                for part, sink in zip(parts, sinks, strict=True)
-            ]
-            codes = [run.result() for run in runs]
-            later.seek(0)
-            sys.stdout.buffer.write(later.read())
+        codes = _run_in_machines(commands) if len(parts) > 1 else [subprocess.call(commands[0])]
     except VmError as error:
         _say(str(error))
         return 2
-    ran = [code for code in codes if code != EXIT_NOTHING]
-    return max(ran, default=EXIT_NOTHING)
+    if rows := list(read_rows(folders)):
+        OUT.joinpath("latency.md").write_text(table(rows))
+        sys.stdout.write(f"\n{table(rows)}")
+    return max((code for code in codes if code != EXIT_NOTHING), default=EXIT_NOTHING)
 
 
-def _run(image: Image, files: list[str], arguments: list[str], sink: BinaryIO) -> int:
-    command = [*PYTEST, *(str(FOLDER / name) for name in files), *arguments]
-    settings = MachineSettings(icount_shift=0, timeout_s=TIMEOUT_S)
+def _command(out: Path, files: list[str], arguments: list[str]) -> list[str]:
+    paths = [str(FOLDER / name) for name in files]
+    return ["env", f"{VARIABLE}={out}", *PYTEST, *paths, *arguments]
+
+
+def _run_in_machines(commands: list[list[str]]) -> list[int]:
+    """The exit codes, in order; the second command's output comes when the first has ended."""
+    image = prepare(lambda step, text: _say(text))
+    with ThreadPoolExecutor(len(commands)) as pool, TemporaryFile() as later:
+        sinks = (sys.stdout.buffer, later)
+        runs = [
+            pool.submit(_run, image, command, sink)
+            for command, sink in zip(commands, sinks, strict=True)
+        ]
+        codes = [run.result() for run in runs]
+        later.seek(0)
+        sys.stdout.buffer.write(later.read())
+        sys.stdout.buffer.flush()
+    return codes
+
+
+def _run(image: Image, command: list[str], sink: BinaryIO) -> int:
+    settings = MachineSettings(icount_shift=0, timeout_s=TIMEOUT_S, writable=(OUT,))
     with Machine(image, settings, command, stdout=sink, stderr=sink) as machine:
         code = machine.wait()
         assert code is not None

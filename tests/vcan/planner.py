@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
@@ -28,6 +29,8 @@ class View(NamedTuple):
 def planner_main(channel: str, control: Connection) -> None:
     """Decides at 50 Hz while it is told to."""
     target: tuple[float, float] | None = None
+    gc.collect()
+    gc.freeze()  # as the nodes do: collecting what was imported would take some 100 ms here
     with connect("socketcan", channel, planner_period_s=PERIOD_S) as car:
         for state in car.ticks(PERIOD_S):
             while control.poll():

@@ -10,133 +10,40 @@ import multiprocessing
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-from canbus.frame import Frame, ReceivedFrame
-from canbus.node import Event
 from canbus.python_can_bus import PythonCanBus
-from dbc.codec import Decoded, decode
 from dbc.endpoint import STOPPING_IDS
-from dbc.harness import DriverHandsWire
-from dbc.messages import Inhibit, Mode, SupervisorState
-from gateway.sentences import INHIBIT_TEXT
+from dbc.messages import Mode, SupervisorState
+from gateway.sentences import ONLY_THE_BUTTON
 from runtime.clock import NS_PER_S, monotonic_ns
-from runtime.harness import decode_harness, harness_frame
-from runtime.node_process import run_node_process
+from runtime.harness import HANDS_OFF, harness_frame
 from runtime.nodes import NODES, PLANT
-from runtime.plant_process import ACCEPTANCE, PlantSide, build_car, run_plant
 from runtime.process_settings import ProcessSettings
-from runtime.stopping import StopRequest
-from simulation.plant.state import PlantFaults, Truth
+from simulation.plant.state import Truth
+from tests.vcan.bus_log import HARNESS_BUS, Line, read_log
 from tests.vcan.planner import Planner, answer, planner_main
+from tests.vcan.processes import in_namespace, node_main, plant_main
 
 PRELOAD = [
     "tests.vcan.stack", "ecus.steering.ecu", "ecus.throttle.ecu", "ecus.brake_servo.ecu",
     "ecus.supervisor.ecu", "safety_monitor.monitor", "can.interfaces.socketcan",
 ]
 PLANNER = "planner"
-ONLY_THE_BUTTON = INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
 MOVING_MPS = 2.0
 RECOVERY_S_MAX = 20.0
-VEHICLE_BUS, HARNESS_BUS = "vcan0", "vcan1"
+VEHICLE_BUS = "vcan0"
 VEHICLE = "tabby_evo"
-HANDS_OFF: dict[str, Any] = {
-    "steering_torque_nm": 0.0, "throttle_pedal_ratio": 0.0, "brake_pedal_ratio": 0.0,
-    "button_pressed": False, "emergency_stop_pressed": False,
-}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
-    """One line of `candump -L`."""
-
-    time_s: float
-    channel: str
-    can_id: int
-    data: bytes
-
-    @property
-    def content(self) -> Any:
-        """The message, or None for what is none of ours or cannot be used."""
-        frame = Frame(self.can_id, self.data)
-        if self.channel == HARNESS_BUS:
-            reading = decode_harness(ReceivedFrame(0, frame))
-            return None if reading is None else reading.content
-        decoded = decode(frame)
-        return decoded.message if isinstance(decoded, Decoded) else None
-
-
-def read_log(path: Path, since_s: float = 0.0) -> list[Line]:
-    """Whole lines so far, those since then."""
-    lines: list[Line] = []
-    for text in reversed(path.read_text().split("\n")[:-1]):
-        stamp, channel, frame = text.split()[:3]
-        if float(stamp.strip("()")) < since_s:
-            break
-        can_id, _, data = frame.partition("#")
-        lines.append(
-            Line(
-                time_s=float(stamp.strip("()")), channel=channel, can_id=int(can_id, 16),
-                data=b"" if data.startswith("R") else bytes.fromhex(data),
-            )
-        )
-    lines.reverse()
-    return lines
 
 
 def pause(span_s: float) -> None:
     """The wall clock is the subject here."""
     threading.Event().wait(span_s)
-
-
-def _say(event: Event) -> None:
-    sys.stdout.write(f"{event.time_ns / 1e9:.4f} {event.node} {event.kind}: {event.text}\n")
-    sys.stdout.flush()
-
-
-def _redirect(log: Path) -> None:
-    """This process's output goes to a file of its own, appended."""
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    os.dup2(descriptor, 1)
-    os.dup2(descriptor, 2)
-    sys.stdout = os.fdopen(1, "w", closefd=False)
-
-
-def node_main(settings: ProcessSettings, log: Path) -> None:
-    """A node's process, as `dbw ecu`."""
-    _redirect(log)
-    sys.exit(run_node_process(settings, _say).exit_code)
-
-
-def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> None:
-    """The car's process; `(name, value)` on the pipe breaks something."""
-    _redirect(log)
-    vehicle = settings.load_vehicle()
-    start_ns = monotonic_ns()
-    car = build_car(vehicle, seed=1, start_ns=start_ns)
-    plant = PlantSide(car, start_ns)
-    whole = PlantFaults()
-
-    def on_cycle(truth: Truth) -> None:
-        while control.poll():
-            name, value = control.recv()
-            if name == "truth":
-                control.send(truth)
-            elif name == "repair":
-                for field in fields(PlantFaults):
-                    setattr(car.faults, field.name, getattr(whole, field.name))
-            else:
-                setattr(car.faults, name, value)
-
-    with StopRequest() as stop, settings.harness_bus(vehicle, ACCEPTANCE) as bus:
-        run_plant(plant, bus, monotonic_ns, stop, _say, on_cycle)
 
 
 class Stack:
@@ -146,6 +53,7 @@ class Stack:
         folder: for logs.
         channel: the vehicle bus, as the log and most nodes see it.
         channels: where other processes see it, by name.
+        in_namespaces: processes that live in a network namespace of their own name.
     """
 
     def __init__(
@@ -154,15 +62,18 @@ class Stack:
         *,
         channel: str = VEHICLE_BUS,
         channels: dict[str, str] | None = None,
+        in_namespaces: Collection[str] = (),
     ) -> None:
         self.folder = folder
         self.channel = channel
         self._channels = channels or {}
+        self._in_namespaces = in_namespaces
         self.log_path = folder / "bus.log"
         self.processes: dict[str, Any] = {}
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(PRELOAD)
-        self._hands = dict(HANDS_OFF)
+        self._hands = HANDS_OFF
+        self._said_before: dict[str, int] = {}
         self._harness = PythonCanBus(
             "socketcan", HARNESS_BUS, clock=monotonic_ns, acceptance=frozenset()
         )
@@ -219,7 +130,10 @@ class Stack:
         self._run(PLANNER, planner_main, self._channels.get(PLANNER, self.channel), theirs)
 
     def _run(self, name: str, main: Callable[..., None], *arguments: Any) -> None:
-        process = self._context.Process(target=main, args=arguments, name=name)
+        namespace = name if name in self._in_namespaces else None
+        process = self._context.Process(
+            target=in_namespace, args=(namespace, main, *arguments), name=name
+        )
         process.start()
         self.processes[name] = process
 
@@ -227,9 +141,9 @@ class Stack:
         return self.folder / f"{name}.log"
 
     def said(self, name: str) -> str:
-        """What a node has reported."""
+        """What a node has reported since the car was parked last."""
         path = self._path(name)
-        return path.read_text() if path.exists() else ""
+        return path.read_text()[self._said_before.get(name, 0) :] if path.exists() else ""
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> float:
         """Sends a signal; answers the time, comparable with the log's."""
@@ -241,9 +155,9 @@ class Stack:
 
     def hands(self, **inputs: Any) -> float:
         """What the driver does from now on; answers the time, comparable with the log's."""
-        self._hands.update(inputs)
+        self._hands = replace(self._hands, **inputs)
         now_s = time.time()
-        assert self._harness.send(harness_frame("DRIVER_HANDS", DriverHandsWire(**self._hands)))
+        assert self._harness.send(harness_frame("DRIVER_HANDS", self._hands))
         return now_s
 
     def break_(self, name: str, value: Any = True) -> float:
@@ -277,10 +191,14 @@ class Stack:
                 self.start(name)
         self._control.send(("repair", None))
         self.planner.stop()
-        self.hands(**{**HANDS_OFF, "brake_pedal_ratio": 0.6})
+        self._hands = HANDS_OFF
+        self.hands(brake_pedal_ratio=0.6)
         self.wait(lambda: abs(self.truth().speed_mps) < 0.01, 10.0)
-        self.hands(**HANDS_OFF)
+        self.hands(brake_pedal_ratio=0.0)
         self.wait(self._is_ready, RECOVERY_S_MAX)
+        self._said_before = {
+            name: len(self._path(name).read_text()) for name in NODES if self._path(name).exists()
+        }
 
     def _is_ready(self) -> bool:
         state = self.planner.state()
@@ -320,7 +238,9 @@ class Stack:
         """What was on the wires."""
         return [line for line in read_log(self.log_path, since_s) if line.channel == HARNESS_BUS]
 
-    def sensed(self, since_s: float, is_it: Callable[[Any], bool]) -> float:
+    def sensed(
+        self, since_s: float, is_it: Callable[[Any], bool], limit_s: float = 1.0
+    ) -> float:
         """When the first reading of a kind was on the wires."""
         found: list[Line] = []
 
@@ -328,7 +248,7 @@ class Stack:
             found.extend(line for line in self.harness_log(since_s) if is_it(line.content))
             return bool(found)
 
-        self.wait(has_come, 1.0)
+        self.wait(has_come, limit_s)
         return found[0].time_s
 
     def first(self, since_s: float, is_it: Callable[[Line], bool], limit_s: float = 2.0) -> Line:

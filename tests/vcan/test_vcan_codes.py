@@ -5,17 +5,14 @@ from __future__ import annotations
 import signal
 import time
 
-from canbus.node import NODE_IDS
 from dbc.harness import SteeringSensorsWire, SupervisorSensorsWire
-from dbc.messages import Emcy, EmergencyBrake, ErrorCode, Mode, Reason
+from dbc.messages import ErrorCode, Mode, Reason
+from tests.vcan.answers import EMCY, brakes_for, emcy
+from tests.vcan.latency import PLANNER_SILENT_S, SENSED_S, SILENT_S, within
 from tests.vcan.shell import cansend
-from tests.vcan.stack import VEHICLE, Line, Stack, pause
+from tests.vcan.stack import VEHICLE, Stack, pause
 from vehicles import load_vehicle
 
-SENSED_S = 0.020 + 0.001
-SILENT_S = 0.075 + 0.001
-"""The design's time budgets, plus the wire."""
-PLANNER_SILENT_S = 0.085 + 0.015 + 0.001
 ON_TIME_S = load_vehicle(VEHICLE).brake.on_time_s_max + 2.0
 
 
@@ -31,33 +28,10 @@ def _is_out_of_bounds(reading: object) -> bool:
     return isinstance(reading, SteeringSensorsWire) and reading.column_angle_rad > 14.0
 
 
-def emcy(
-    stack: Stack, since_s: float, node: str, code: ErrorCode, limit_s: float = 2.0
-) -> Line:
-    """The node's EMCY frame with this code."""
-
-    def is_it(line: Line) -> bool:
-        message = line.content if line.can_id == 0x080 + NODE_IDS[node] else None
-        return isinstance(message, Emcy) and message.er_code is code
-
-    return stack.first(since_s, is_it, limit_s)
-
-
-def brakes_for(stack: Stack, since_s: float, code: ErrorCode, within_s: float) -> EmergencyBrake:
-    """EMERGENCY_BRAKE comes in time with this code, and the car brakes to a stand."""
-    line = stack.first_brake(since_s)
-    message = line.content
-    assert isinstance(message, EmergencyBrake)
-    assert message.code is code, message
-    assert line.time_s - since_s < within_s, f"{line.time_s - since_s:.4f} s"
-    stack.brakes()
-    assert stack.mode is Mode.EMERGENCY
-    return message
-
-
 def test_er0_a_malformed_command_is_ignored_counted_and_reported(driving: Stack) -> None:
     since_s = cansend("202#0011")
-    emcy(driving, since_s, "Steering", ErrorCode.ER0)
+    line = emcy(driving, since_s, "Steering", ErrorCode.ER0)
+    within("ER0: malformed command", EMCY, since_s, line, SENSED_S)
     pause(0.3)
     assert not [line for line in driving.log(since_s) if 0x010 < line.can_id < 0x020]
     assert driving.mode is Mode.AUTOMATIC
@@ -66,7 +40,7 @@ def test_er0_a_malformed_command_is_ignored_counted_and_reported(driving: Stack)
 def test_er1_the_emergency_stop_button_brakes(driving: Stack) -> None:
     begin_s = driving.hands(emergency_stop_pressed=True)
     since_s = driving.sensed(begin_s, _is_stop_pressed)
-    message = brakes_for(driving, since_s, ErrorCode.ER1, SENSED_S)
+    message = brakes_for(driving, "ER1: emergency-stop button", since_s, ErrorCode.ER1, SENSED_S)
     assert message.reason in (Reason.EMERGENCY_STOP_INPUT, Reason.VERDICT_BRAKE)
     emcy(driving, since_s, "Supervisor", ErrorCode.ER1)
 
@@ -74,12 +48,12 @@ def test_er1_the_emergency_stop_button_brakes(driving: Stack) -> None:
 def test_er1_the_failsafe_frame_of_anybody_brakes(driving: Stack) -> None:
     begin_s = cansend("001#")
     since_s = driving.first(begin_s, lambda line: line.can_id == 0x001).time_s
-    brakes_for(driving, since_s, ErrorCode.ER1, SENSED_S)
+    brakes_for(driving, "ER1: FAILSAFE frame", since_s, ErrorCode.ER1, SENSED_S)
 
 
 def test_er2_a_stopped_node_brakes(driving: Stack) -> None:
     since_s = driving.kill("throttle", signal.SIGSTOP)
-    message = brakes_for(driving, since_s, ErrorCode.ER2, SILENT_S)
+    message = brakes_for(driving, "ER2: throttle, SIGSTOP", since_s, ErrorCode.ER2, SILENT_S)
     assert message.reason in (Reason.NODE_SILENT, Reason.VERDICT_BRAKE)
     emcy(driving, since_s, "Supervisor", ErrorCode.ER2)
 
@@ -87,20 +61,20 @@ def test_er2_a_stopped_node_brakes(driving: Stack) -> None:
 def test_er4_a_fault_of_the_motor_driver_brakes_and_lets_the_wheel_go(driving: Stack) -> None:
     begin_s = driving.break_("steering_motor_fault")
     since_s = driving.sensed(begin_s, _is_motor_faulty)
-    message = brakes_for(driving, since_s, ErrorCode.ER4, SENSED_S)
+    message = brakes_for(driving, "ER4: motor driver's fault", since_s, ErrorCode.ER4, SENSED_S)
     assert message.reason is Reason.MOTOR_FAULT
     emcy(driving, since_s, "Steering", ErrorCode.ER4)
 
 
 def test_er5_a_silent_planner_brakes(driving: Stack) -> None:
     since_s = driving.kill("planner", signal.SIGSTOP)
-    brakes_for(driving, since_s, ErrorCode.ER5, PLANNER_SILENT_S)
+    brakes_for(driving, "ER5: planner, SIGSTOP", since_s, ErrorCode.ER5, PLANNER_SILENT_S)
 
 
 def test_er6_a_steering_sensor_out_of_bounds_brakes(driving: Stack) -> None:
     begin_s = driving.break_("steering_angle_override_rad", 15.0)
     since_s = driving.sensed(begin_s, _is_out_of_bounds)
-    message = brakes_for(driving, since_s, ErrorCode.ER6, SENSED_S)
+    message = brakes_for(driving, "ER6: angle out of bounds", since_s, ErrorCode.ER6, SENSED_S)
     assert message.reason is Reason.SENSOR_OUT_OF_BOUNDS
     emcy(driving, since_s, "Steering", ErrorCode.ER6)
 

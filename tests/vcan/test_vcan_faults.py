@@ -7,9 +7,9 @@ from functools import partial
 
 import pytest
 
-from dbc.endpoint import ID_OF_NAME
-from dbc.messages import EmergencyBrake, ErrorCode, Mode, MonitorReason, Reason, Verdict
+from dbc.messages import EmergencyBrake, ErrorCode, Mode
 from runtime.nodes import NODES
+from tests.vcan.answers import is_missed
 from tests.vcan.shell import cansend, run
 from tests.vcan.stack import VEHICLE_BUS, Stack, pause
 
@@ -23,24 +23,12 @@ MALFORMED = {
 }
 """As `cansend` writes them, and what some node says of them."""
 
-VERDICT_ID = ID_OF_NAME["SAFETY_VERDICT"]
-SILENT_S = 0.075 + 0.001
-"""The design's budget for a silent cause, and the wire."""
 
 
 def loses(stack: Stack, name: str, number: signal.Signals) -> None:
     """A node falls silent while the car drives: ER2 in time, brakes on."""
     since_s = stack.kill(name, number)
-    line = stack.first_brake(since_s)
-    message = line.content
-    assert isinstance(message, EmergencyBrake)
-    if message.reason is Reason.VERDICT_BRAKE:  # the monitor was faster: it says what is missing
-        verdicts = [line.content for line in stack.log(since_s) if line.can_id == VERDICT_ID]
-        reason = next(verdict.reason for verdict in verdicts if verdict.verdict is Verdict.BRAKE)
-        assert reason is MonitorReason.FRAME_LATE
-    else:
-        assert message.code is ErrorCode.ER2, message
-    assert line.time_s - since_s < SILENT_S, f"{line.time_s - since_s:.4f} s"
+    is_missed(stack, f"ER2: {name}, {number.name}", since_s, stack.first_brake(since_s))
     stack.brakes()
 
 
