@@ -13,7 +13,7 @@ import can
 
 from canbus.bus import ERROR_CLASS_TEXT, BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
-from canbus.socketcan import Arrivals, make_room, receive_drops
+from canbus.socketcan import Arrivals, make_room, read_frame, receive_drops, write_frame
 
 SOCKETCAN = "socketcan"
 
@@ -150,7 +150,11 @@ class PythonCanBus:
             return False
         assert self._bus is not None, "the bus is not open"
         try:
-            self._bus.send(_to_message(frame), timeout=0)
+            is_plain = frame.kind is FrameKind.DATA and frame.can_id <= CAN_ID_MAX
+            if self._socket is not None and is_plain:
+                write_frame(self._socket, frame)
+            else:
+                self._bus.send(_to_message(frame), timeout=0)
         except (can.CanError, OSError) as error:
             self._tx_failures += 1
             self._check_gone(error)
@@ -177,18 +181,18 @@ class PythonCanBus:
         wait_ns = max(0, timeout_ns)
         for _ in range(RECEIVE_FRAMES_MAX):
             try:
-                message = self._read(wait_ns / 1e9)
+                item = self._read(wait_ns / 1e9)
             except (can.CanError, OSError) as error:
                 self._rx_failures += 1
                 self._check_gone(error)
                 self._wait_until(deadline_ns)
                 break
-            if message is None:
+            if item is None:
                 if self._arrivals is not None:
                     self._arrivals.was_empty(now_ns)
                 break
             now_ns = self._clock()
-            self._take(message, now_ns, frames)
+            self._take(*item, now_ns, frames)
             # Nothing accepted yet: wait on; otherwise only collect what is already there.
             wait_ns = 0 if frames else max(0, deadline_ns - now_ns)
         return frames
@@ -207,22 +211,22 @@ class PythonCanBus:
             error_classes=self._error_classes,
         )
 
-    def _read(self, wait_s: float) -> can.Message | None:
-        """The next frame, or None after a while.
+    def _read(self, wait_s: float) -> tuple[Frame, int] | None:
+        """The next frame and its stamp, of a socket alone, or None after a while.
 
         python-can's `recv` waits by the system's clock: when that is set back, all nodes at once
         would wait for as long. A socket is therefore waited for here, by the monotonic clock.
         """
-        assert self._bus is not None
         if self._socket is None:
-            return self._bus.recv(wait_s)
-        if not select.select([self._socket], [], [], wait_s)[0]:
+            assert self._bus is not None
+            message = self._bus.recv(wait_s)
+            return None if message is None else (_to_frame(message), 0)
+        if wait_s > 0 and not select.select([self._socket], [], [], wait_s)[0]:
             return None
-        return self._bus._recv_internal(0)[0]
+        return read_frame(self._socket)
 
-    def _take(self, message: can.Message, now_ns: int, frames: list[ReceivedFrame]) -> None:
-        """Append `message` to `frames` if it is accepted, and count it."""
-        frame = _to_frame(message)
+    def _take(self, frame: Frame, stamp_ns: int, now_ns: int, frames: list[ReceivedFrame]) -> None:
+        """Append `frame` to `frames` if it is accepted, and count it."""
         if frame.kind is FrameKind.ERROR:
             self._error_frames += 1
             self._error_classes |= frame.can_id & ERROR_CLASSES
@@ -231,7 +235,7 @@ class PythonCanBus:
             return
         self._received += 1
         if self._arrivals is not None:
-            now_ns = self._arrivals.arrival_ns(message.timestamp, now_ns)
+            now_ns = self._arrivals.arrival_ns(stamp_ns, now_ns)
         frames.append(ReceivedFrame(now_ns, frame))
 
     def _lost_in_queue(self) -> int:

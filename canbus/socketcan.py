@@ -1,7 +1,8 @@
-"""What Linux knows about a received frame and python-can does not hand on.
+"""Frames through a raw CAN socket of Linux, and what it knows about them.
 
 When a frame arrived, how many frames fit the socket's receive queue, and how many were lost in it.
-The sockets are python-can's; nothing here sends or receives.
+python-can opens the sockets and sets their options. Frames go straight through here: a node's
+answer took 1.9 times as long through python-can's messages (`python -m bench socketcan`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import struct
 from collections.abc import Callable
 from typing import Final
 
+from canbus.frame import CAN_ID_MAX, Frame, FrameKind
 from canbus.timing import (
     CRC_BITS,
     FIXED_TAIL_BITS,
@@ -33,7 +35,58 @@ _MEMINFO: Final = struct.Struct("@9I")
 _MEMINFO_DROPS: Final = 8
 """Place of SK_MEMINFO_DROPS (linux/sock_diag.h)."""
 
+_FRAME: Final = struct.Struct("=IB3x8s")
+"""linux/can.h, `struct can_frame`: identifier with flags, length, data."""
+_EXTENDED_FLAG: Final = 0x8000_0000
+_REMOTE_FLAG: Final = 0x4000_0000
+_ERROR_FLAG: Final = 0x2000_0000
+_EXTENDED_ID_MAX: Final = 0x1FFF_FFFF
+
+_STAMP: Final = struct.Struct("@ll")
+"""`struct timespec` of SO_TIMESTAMPNS, the one option of python-can's that adds to a frame."""
+_STAMP_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
+
 _NS_PER_S: Final = 1_000_000_000
+
+
+def read_frame(sock: socket.socket) -> tuple[Frame, int] | None:
+    """The next classical frame and the kernel's stamp in ns since 1970; None if none waits.
+
+    Raises:
+        OSError: the interface is down or gone.
+    """
+    try:
+        raw, ancillary, _, _ = sock.recvmsg(_FRAME.size, _STAMP_BYTES, socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return None
+    word, length, data = _FRAME.unpack(raw)
+    seconds, nanoseconds = _STAMP.unpack(ancillary[0][2])
+    stamp_ns = seconds * _NS_PER_S + nanoseconds
+    if word <= CAN_ID_MAX:
+        return Frame(word, data[:length]), stamp_ns
+    return _flagged(word, data[:length]), stamp_ns
+
+
+def _flagged(word: int, data: bytes) -> Frame:
+    """A frame that is not plain data. A remote one with a 29-bit identifier is called EXTENDED."""
+    if word & _ERROR_FLAG:
+        kind = FrameKind.ERROR
+    elif word & _EXTENDED_FLAG:
+        kind = FrameKind.EXTENDED
+    else:
+        kind = FrameKind.REMOTE
+    can_id = word & (_EXTENDED_ID_MAX if word & _EXTENDED_FLAG else CAN_ID_MAX)
+    return Frame(can_id, b"" if word & _REMOTE_FLAG else data, kind)
+
+
+def write_frame(sock: socket.socket, frame: Frame) -> None:
+    """Hands a data frame with an 11-bit identifier to the driver without waiting.
+
+    Raises:
+        OSError: the driver refuses it: a queue is full, the interface down or gone.
+    """
+    raw = _FRAME.pack(frame.can_id, len(frame.data), frame.data)
+    sock.send(raw, socket.MSG_DONTWAIT)
 
 
 def backlog_frames_max(away_ns: int, bitrate_bps: int) -> int:
@@ -94,10 +147,10 @@ class Arrivals:
         self._realtime = realtime
         self._earliest_ns = start_ns
 
-    def arrival_ns(self, stamp_s: float, now_ns: int) -> int:
-        """Arrival of a frame stamped `stamp_s` that is read at `now_ns`; never before the last."""
+    def arrival_ns(self, stamp_ns: int, now_ns: int) -> int:
+        """Arrival of a frame stamped `stamp_ns` that is read at `now_ns`; never before the last."""
         # `now_ns` was read first: a pause between the two clocks makes a frame older, not younger.
-        age_ns = self._realtime() - round(stamp_s * _NS_PER_S)
+        age_ns = self._realtime() - stamp_ns
         self._earliest_ns = max(self._earliest_ns, min(now_ns - age_ns, now_ns))
         return self._earliest_ns
 

@@ -26,6 +26,7 @@ from dbc.messages import (
     Request,
     SupervisorState,
 )
+from dbc.strangers import StrangerLog
 from gateway.command_sender import CommandSender
 from gateway.commands import NS_PER_S, Decision, checked_period_ns, promised_period_ms
 from gateway.kinematics import Kinematics
@@ -98,6 +99,7 @@ class GatewayCore:
         self.vehicle = vehicle
         self.planner_period_ns = planner_period_ns
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
+        self._strangers = StrangerLog()
         self._canopen = CanopenNode(
             NODE_IDS[self.name],
             files("dbc").joinpath("eds", "gateway.eds").read_text(encoding="utf-8"),
@@ -188,10 +190,10 @@ class GatewayCore:
         for bad in self._endpoint.bad:
             self._log(EventKind.FRAME, f"ignored {bad.frame}: {bad.fault.name.lower()}")
             self._add_cause(ErrorCode.ER0, Reason.BAD_FRAME)
+        for line in self._strangers.lines(self._now_ns, self._endpoint.foreign):
+            self._log(EventKind.FOREIGN, line)
         for item in self._endpoint.foreign:
-            kind = item.frame.kind
-            self._log(EventKind.FOREIGN, f"{item.frame} ({kind.name.lower()})")
-            if item.frame.can_id not in _OWN_IDS or kind is FrameKind.EXTENDED:
+            if item.frame.can_id not in _OWN_IDS or item.frame.kind is FrameKind.EXTENDED:
                 continue
             self._foreign = (item.frame.can_id, self._now_ns)
             self._add_cause(ErrorCode.ER1, Reason.FOREIGN_SENDER)

@@ -37,6 +37,7 @@ from dbc.messages import (
     ThrottleStatus,
     Verdict,
 )
+from dbc.strangers import StrangerLog
 from safety_monitor.checks import (
     DRIVING,
     Finding,
@@ -85,6 +86,7 @@ class SafetyMonitor:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._limits = Limits.of(vehicle)
+        self._strangers = StrangerLog()
         eds = files("dbc").joinpath("eds", "safety_monitor.eds").read_text(encoding="utf-8")
         self._canopen = CanopenNode(
             NODE_IDS[NAME],
@@ -176,11 +178,12 @@ class SafetyMonitor:
         for bad in self._endpoint.bad:
             self._event(EventKind.FRAME, f"ignored {bad.frame}: {bad.fault.name.lower()}")
             self._suspect(MonitorReason.BAD_FRAME, bad.frame.can_id)
+        for line in self._strangers.lines(self._now_ns, self._endpoint.foreign):
+            self._event(EventKind.FOREIGN, line)
         for item in self._endpoint.foreign:
             self._judge_foreign(item.frame, findings)
 
     def _judge_foreign(self, frame: Frame, findings: list[Finding]) -> None:
-        self._event(EventKind.FOREIGN, f"{frame} ({frame.kind.name.lower()})")
         if is_forged(frame):
             findings.append(_hazard(MonitorReason.FOREIGN_SENDER, frame.can_id))
             return

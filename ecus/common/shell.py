@@ -21,6 +21,7 @@ from canbus.node import NODE_IDS, Event, EventKind
 from dbc.database import configuration_hash, dbc_hash
 from dbc.endpoint import Endpoint, Message, is_forged
 from dbc.messages import ErrorCode, Mode, Reason
+from dbc.strangers import StrangerLog
 from ecus.common.codes import (
     EMCY_CODE_BASE,
     EMCY_REGISTER_GENERIC,
@@ -62,6 +63,7 @@ class Shell:
     ) -> None:
         self.node = node
         self._is_nmt_master = is_nmt_master
+        self._strangers = StrangerLog()
         self.canopen = CanopenNode(
             NODE_IDS[node],
             load_eds(eds),
@@ -137,8 +139,9 @@ class Shell:
         for bad in self.endpoint.bad:
             self.add_cause(ErrorCode.ER0, Reason.BAD_FRAME)
             self.add_event(EventKind.FRAME, f"ignored {bad.frame}: {bad.fault.name.lower()}")
+        for line in self._strangers.lines(self.now_ns, self.endpoint.foreign):
+            self.add_event(EventKind.FOREIGN, line)
         for item in self.endpoint.foreign:
-            self.add_event(EventKind.FOREIGN, f"{item.frame} ({item.frame.kind.name.lower()})")
             if is_forged(item.frame):
                 self.add_cause(ErrorCode.ER1, Reason.FOREIGN_SENDER)
         if self.endpoint.is_bus_off:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import errno
 import socket
+import struct
+import sys
 from collections.abc import Iterator
 
 import can
@@ -12,7 +14,7 @@ import pytest
 
 from canbus import python_can_bus
 from canbus.bus import BusStatistics
-from canbus.frame import Frame
+from canbus.frame import Frame, FrameKind, ReceivedFrame
 from canbus.python_can_bus import REOPEN_INTERVAL_NS, PythonCanBus
 from canbus.socketcan import (
     FRAME_BITS_MIN,
@@ -43,8 +45,6 @@ class Clocks:
     def realtime(self) -> int:
         return EPOCH_NS + self.now_ns + self.step_ns
 
-    def stamp_s(self) -> float:
-        return self.realtime() / S
 
 
 def arrival(age_ms: int, step_ms: int, empty_ms: int = 0) -> float:
@@ -53,9 +53,9 @@ def arrival(age_ms: int, step_ms: int, empty_ms: int = 0) -> float:
     arrivals = Arrivals(clocks.realtime, 0)
     arrivals.was_empty(empty_ms * MS)
     clocks.now_ns = (100 - age_ms) * MS
-    stamp_s = clocks.stamp_s()
+    stamp_ns = clocks.realtime()
     clocks.now_ns, clocks.step_ns = 100 * MS, step_ms * MS
-    return round(arrivals.arrival_ns(stamp_s, clocks.now_ns) / MS, 2)
+    return arrivals.arrival_ns(stamp_ns, clocks.now_ns) / MS
 
 
 def test_arrival_is_the_kernels_stamp_and_not_the_time_of_reading() -> None:
@@ -78,9 +78,9 @@ def test_a_step_before_the_frame_arrived_changes_nothing() -> None:
     clocks = Clocks()
     arrivals = Arrivals(clocks.realtime, 0)
     clocks.now_ns, clocks.step_ns = 50 * MS, -86_400 * S
-    stamp_s = clocks.stamp_s()
+    stamp_ns = clocks.realtime()
     clocks.now_ns = 58 * MS
-    assert arrivals.arrival_ns(stamp_s, clocks.now_ns) == pytest.approx(50 * MS, abs=1_000)
+    assert arrivals.arrival_ns(stamp_ns, clocks.now_ns) == 50 * MS
 
 
 def test_arrivals_never_go_back_even_when_the_clock_is_set_between_two_frames() -> None:
@@ -89,9 +89,9 @@ def test_arrivals_never_go_back_even_when_the_clock_is_set_between_two_frames() 
     stamps = []
     for now_ms, step_ms in ((1, 0), (2, -5_000), (3, 5_000), (4, 0)):
         clocks.now_ns, clocks.step_ns = now_ms * MS, step_ms * MS
-        stamps.append(clocks.stamp_s())
+        stamps.append(clocks.realtime())
     clocks.now_ns = 5 * MS
-    times = [arrivals.arrival_ns(stamp_s, clocks.now_ns) for stamp_s in stamps]
+    times = [arrivals.arrival_ns(stamp_ns, clocks.now_ns) for stamp_ns in stamps]
     assert times == sorted(times) and times[-1] <= clocks.now_ns
 
 
@@ -155,8 +155,27 @@ def test_without_the_privilege_the_system_grants_what_it_allows() -> None:
     assert make_room(Unprivileged(), 1_000) == 2 * 106_496 // FRAME_BYTES  # type: ignore[arg-type]
 
 
+RAW = {
+    "000#": "00000000 00 000000 0000000000000000",
+    "7FF#0102030405060708": "ff070000 08 000000 0102030405060708",
+    "123#AA": "23010000 01 000000 aa00000000000000",
+    "12345678#01": "78563492 01 000000 0100000000000000",
+    "00000123#02": "23010080 01 000000 0200000000000000",
+    "123#R": "23010040 08 000000 0000000000000000",
+    "00000123#": "230100c0 02 000000 0000000000000000",
+    "00000040#0000000000000000": "40000020 08 000000 0000000000000000",
+}
+"""Frames as `struct can_frame` of a little-endian machine; the last is a remote extended frame and
+the controller's report that it is bus-off."""
+
+
+def raw(text: str) -> bytes:
+    assert sys.byteorder == "little", "the table above is of such a machine"
+    return bytes.fromhex(RAW[text])
+
+
 class Device:
-    """The kernel's side of one interface: up, down or gone, as python-can's driver shows it."""
+    """The kernel's side of one interface: up, down or gone, as its raw socket shows it."""
 
     def __init__(self, clocks: Clocks) -> None:
         self.clocks = clocks
@@ -164,13 +183,19 @@ class Device:
         self.errors: list[int] = []
         self.opened = 0
         self.closed = 0
-        self.waiting: list[can.Message] = []
-        self.sent = 0
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.waiting: list[tuple[int, bytes]] = []
+        self.sent: list[bytes] = []
+        self.real = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.getsockopt, self.setsockopt = self.real.getsockopt, self.real.setsockopt
 
     def open(self, **options: object) -> Device:
         assert self.is_present
         self.opened += 1
+        return self
+
+    @property
+    def socket(self) -> Device:
+        """This is python-can's bus and its socket in one."""
         return self
 
     def if_nametoindex(self, name: str) -> int:
@@ -182,23 +207,35 @@ class Device:
         self.is_present = False
         self.errors = [errno.ENODEV]
 
+    def arrives(self, text: str = "123#AA") -> None:
+        self.waiting.append((self.clocks.realtime(), raw(text)))
+
     def _fail(self) -> None:
         if self.errors:
-            raise can.CanOperationError("Error receiving", self.errors.pop())
+            raise OSError(self.errors.pop(), "as told")
 
-    def send(self, message: can.Message, timeout: float | None = None) -> None:
+    def send(self, data: bytes, flags: int) -> int:
+        assert flags == socket.MSG_DONTWAIT
         self._fail()
         if not self.is_present:
-            raise can.CanOperationError("Failed to transmit", errno.ENXIO)
-        self.sent += 1
+            raise OSError(errno.ENXIO, "No such device or address")
+        self.sent.append(data)
+        return len(data)
+
+    def recvmsg(
+        self, size: int, ancillary_size: int, flags: int
+    ) -> tuple[bytes, list[tuple[int, int, bytes]], int, None]:
+        assert size == 16 and flags == socket.MSG_DONTWAIT
+        self._fail()
+        if not self.waiting:
+            raise BlockingIOError(errno.EAGAIN, "nothing there")
+        stamp_ns, data = self.waiting.pop(0)
+        stamp = struct.pack("@ll", *divmod(stamp_ns, S))
+        assert socket.CMSG_LEN(len(stamp)) <= ancillary_size
+        return data, [(socket.SOL_SOCKET, 35, stamp)], 0, None
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         raise AssertionError("waits by the system's clock, which may be set back")
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        assert timeout == 0
-        self._fail()
-        return self.waiting.pop(0), True
 
     def shutdown(self) -> None:
         self.closed += 1
@@ -220,7 +257,7 @@ def device(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
     monkeypatch.setattr(can, "Bus", device.open)
     monkeypatch.setattr(socket, "if_nametoindex", device.if_nametoindex)
     monkeypatch.setattr("canbus.python_can_bus.select.select", wait)
-    with device.socket:
+    with device.real:
         yield device
 
 
@@ -235,10 +272,10 @@ def bus(device: Device) -> Iterator[PythonCanBus]:
 
 def test_frames_carry_the_kernels_time_of_arrival(device: Device, bus: PythonCanBus) -> None:
     device.clocks.now_ns = 3 * MS
-    device.waiting = [can.Message(timestamp=device.clocks.stamp_s(), is_extended_id=False)]
+    device.arrives()
     device.clocks.now_ns = 9 * MS
     (received,) = bus.receive(0)
-    assert received.arrival_ns == pytest.approx(3 * MS, abs=1_000)
+    assert received == ReceivedFrame(3 * MS, Frame(0x123, b"\xaa"))
 
 
 def test_a_wait_without_frames_bounds_the_arrival_of_the_next(
@@ -247,7 +284,7 @@ def test_a_wait_without_frames_bounds_the_arrival_of_the_next(
     bus.receive(0)
     device.clocks.now_ns = 40 * MS
     bus.receive(0)
-    device.waiting = [can.Message(timestamp=device.clocks.stamp_s())]
+    device.arrives()
     device.clocks.step_ns = 3_600 * S
     device.clocks.now_ns = 45 * MS
     assert bus.receive(0)[0].arrival_ns == 40 * MS
@@ -262,7 +299,7 @@ def test_a_wait_is_measured_by_the_monotonic_clock_and_never_by_python_cans(
 
 
 def test_the_receive_queue_gets_its_room(device: Device, bus: PythonCanBus) -> None:
-    size = device.socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    size = device.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     assert size >= 100 * FRAME_BYTES
 
 
@@ -281,7 +318,7 @@ def test_a_link_that_is_down_is_silence_and_carries_on_when_it_is_back(
     device.errors = [errno.ENETDOWN]
     assert bus.receive(10 * MS) == []
     assert device.clocks.now_ns == 10 * MS  # waited out, no spinning
-    device.waiting = [can.Message(timestamp=device.clocks.stamp_s())]
+    device.arrives()
     assert len(bus.receive(10 * MS)) == 1
     assert bus.statistics.rx_failures == 1 and device.opened == 1
 
@@ -299,7 +336,7 @@ def test_a_device_that_is_removed_is_silence_refused_sends_and_opened_again_when
     device.clocks.now_ns += REOPEN_INTERVAL_NS
     bus.receive(0)
     assert bus.send(Frame(0x182))
-    assert (device.opened, device.closed, device.sent) == (2, 1, 1)
+    assert (device.opened, device.closed, len(device.sent)) == (2, 1, 1)
 
 
 def test_a_removal_that_a_send_learns_first_closes_the_socket_with_its_queues(
@@ -326,3 +363,37 @@ def test_a_removed_device_is_looked_for_once_a_second(
     for _ in range(251):
         bus.receive(10 * MS)
     assert looks == [10 * MS, 1_010 * MS, 2_010 * MS]
+
+
+@pytest.mark.parametrize("text", RAW)
+def test_a_frame_is_read_as_what_it_is(text: str, device: Device, bus: PythonCanBus) -> None:
+    device.arrives(text)
+    (received,) = bus.receive(0)
+    assert str(received.frame) == text
+    assert (received.frame.kind is FrameKind.ERROR) == (text == "00000040#0000000000000000")
+
+
+@pytest.mark.parametrize("text", ["000#", "7FF#0102030405060708", "123#AA"])
+def test_a_data_frame_is_written_as_the_kernel_wants_it(
+    text: str, device: Device, bus: PythonCanBus
+) -> None:
+    can_id, _, data = text.partition("#")
+    assert bus.send(Frame(int(can_id, 16), bytes.fromhex(data)))
+    assert device.sent == [raw(text)]
+
+
+def test_a_full_queue_refuses_a_frame_and_it_is_counted(device: Device, bus: PythonCanBus) -> None:
+    device.errors = [errno.ENOBUFS, errno.EAGAIN]
+    assert not bus.send(Frame(0x182)) and not bus.send(Frame(0x182))
+    assert bus.statistics == BusStatistics(tx_failures=2)
+    assert bus.send(Frame(0x182))
+
+
+def test_everything_that_waits_is_read_at_once_in_order(device: Device, bus: PythonCanBus) -> None:
+    for text in RAW:
+        device.clocks.now_ns += MS
+        device.arrives(text)
+    received = bus.receive(0)
+    assert [str(item.frame) for item in received] == list(RAW)
+    assert [item.arrival_ns for item in received] == [n * MS for n in range(1, len(RAW) + 1)]
+    assert bus.receive(0) == []

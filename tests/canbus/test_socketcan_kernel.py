@@ -11,10 +11,11 @@ import subprocess
 import threading
 from collections.abc import Iterator
 
+import can
 import pytest
 
 from canbus.bus import BusStatistics
-from canbus.frame import Frame
+from canbus.frame import Frame, FrameKind
 from canbus.python_can_bus import PythonCanBus
 from canbus.socketcan import FRAME_BYTES, SO_MEMINFO
 from gateway.connect import BusLink
@@ -146,3 +147,32 @@ def test_a_device_that_is_removed_and_made_anew_is_opened_again(pair: Pair) -> N
         bus.receive(0)
     assert sender.send(Frame(0x183))
     assert [item.frame for item in receiver.receive(1_000 * NS_PER_MS)] == [Frame(0x183)]
+
+
+KINDS = [
+    (Frame(0x000), {}),
+    (Frame(0x7FF, bytes(range(8))), {}),
+    (Frame(0x123, b"", FrameKind.REMOTE), {"is_remote_frame": True, "dlc": 8}),
+    (Frame(0x123, b"\x02", FrameKind.EXTENDED), {"is_extended_id": True}),
+    (Frame(0x1FFFFFFF, b"\x02", FrameKind.EXTENDED), {"is_extended_id": True}),
+    (Frame(0x040, bytes(8), FrameKind.ERROR), {"is_error_frame": True}),
+]
+
+
+@pytest.mark.parametrize(("frame", "options"), KINDS, ids=lambda item: str(item))
+def test_python_can_and_we_mean_the_same(
+    pair: Pair, frame: Frame, options: dict[str, bool | int]
+) -> None:
+    _, receiver = pair
+    message = can.Message(
+        arbitration_id=frame.can_id, data=frame.data or None,
+        **{"is_extended_id": False, **options},  # type: ignore[arg-type]
+    )
+    with can.Bus(interface="socketcan", channel=CHANNEL) as other:
+        other.send(message)
+        assert [item.frame for item in receiver.receive(NS_PER_MS)] == [frame]
+        if frame.kind is FrameKind.DATA:
+            assert receiver.send(frame)
+            answer = other.recv(1.0)
+            assert answer is not None and not answer.is_extended_id
+            assert (answer.arbitration_id, bytes(answer.data)) == (frame.can_id, frame.data)
