@@ -8,6 +8,7 @@ Times are the simulation's true time: a caller whose own clock drifts converts f
 """
 
 from math import cos, pi, sin
+from typing import NamedTuple
 
 from numpy.random import Generator
 
@@ -25,6 +26,16 @@ from simulation.plant.steering import SteeringColumn
 from simulation.plant.traction import Traction
 
 ORIGIN = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
+
+
+class Parts(NamedTuple):
+    """What the car is made of."""
+
+    chassis: Chassis
+    column: SteeringColumn
+    brakes: Brakes
+    traction: Traction
+    hardware: Hardware
 
 
 class Car:
@@ -273,6 +284,11 @@ class Car:
             distance_m=chassis.distance_m,
             kinetic_energy_j=chassis.kinetic_energy_j(),
         )
+
+    @property
+    def parts(self) -> Parts:
+        """The car's parts, for whoever only looks."""
+        return Parts(self._chassis, self._column, self._brakes, self._traction, self._hardware)
 
     def _integrate(self, now_ns: int) -> None:
         driver = self.driver
