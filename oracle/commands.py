@@ -59,7 +59,6 @@ class OnlyIntactCommandsApplied(Property):
         axes = {command: Axis(*row) for command, row in SETPOINTS.items()}
         self._of_command = axes
         self._of_status = {axis.status: axis for axis in axes.values()}
-        self._drive = 0
 
     def on_message(self, now_ns: int, message: Message) -> None:
         """A command, or the echo of one."""
@@ -79,7 +78,10 @@ class OnlyIntactCommandsApplied(Property):
             return
         axis.newest = setpoint
         axis.intact.append((now_ns, setpoint))
-        # one that was replaced may still be on its way for a moment
+        self._forget(now_ns, axis)
+
+    def _forget(self, now_ns: int, axis: Axis) -> None:
+        """A setpoint that was replaced may still be on its way for a moment, no longer."""
         while len(axis.intact) > 1 and now_ns - axis.intact[1][0] > self._window_ns:
             axis.intact.popleft()
 
@@ -98,6 +100,7 @@ class OnlyIntactCommandsApplied(Property):
             return
         if axis.status == "BRAKE_STATUS" and applied >= FULL_RATIO:
             return
+        self._forget(now_ns, axis)
         known = [setpoint for _, setpoint in axis.intact] + [before]
         if axis.status != "STEER_STATUS":
             known.append(0.0)

@@ -172,8 +172,10 @@ class History:
         self.send(f"{sender}_EMERGENCY_BRAKE", message)
 
     def request(self, request: Request) -> None:
-        """The planner asks for something now."""
-        self.send("MODE_REQUEST", ModeRequest(request=request, planner_period_ms=20, sequence=1))
+        """The planner asks for something now, and again: nobody believes a first frame."""
+        message = ModeRequest(request=request, planner_period_ms=20, sequence=1)
+        for _ in range(2):
+            self.send("MODE_REQUEST", message)
 
     def fault(self, is_begin: bool = True, **how: Any) -> None:
         """Something breaks now, or is whole again."""
