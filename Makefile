@@ -45,7 +45,7 @@ generate: $(STAMP)
 
 # Only for maintainers: renews the locked versions from pyproject.toml.
 lock:
-	uv pip compile --quiet --generate-hashes --no-emit-index-url --python-version 3.11 \
+	uv pip compile --quiet --generate-hashes --no-emit-index-url --no-strip-markers --python-version 3.11 \
 		--extra demo --extra dev pyproject.toml --output-file requirements.lock
 
 clean:

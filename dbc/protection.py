@@ -69,12 +69,12 @@ def protect(payload: bytes | bytearray, data_id: int, counter: int) -> bytes:
     """The payload with counter and CRC put in.
 
     Args:
-        payload: 8 bytes; byte 0 and the low nibble of byte 1 must be zero.
+        payload: 8 bytes; the low nibble of byte 1 must be zero. Byte 0 is overwritten.
         data_id: The DBC's E2EDataId.
         counter: 0 to 14.
     """
     assert len(payload) == PROTECTED_LENGTH and 0 <= counter < COUNTER_MODULO
-    bits = int.from_bytes(payload, "little") | counter << COUNTER_SHIFT
+    bits = int.from_bytes(payload, "little") & ~0xFF | counter << COUNTER_SHIFT
     return with_crc(bits, data_id)
 
 

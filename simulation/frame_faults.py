@@ -120,7 +120,6 @@ class FrameFaults:
         """The next in sequence, with other content and all that protects it right."""
         counter = (frame.data[COUNTER_BYTE] + 1) % COUNTER_MODULO
         payload = bytearray(frame.data)
-        payload[0] = 0  # the CRC's place
         payload[COUNTER_BYTE] &= 0xF0
         payload[4 + int(self._rng.integers(4))] ^= 1 << int(self._rng.integers(8))
         return Frame(frame.can_id, protect(payload, data_id, counter))

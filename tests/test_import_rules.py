@@ -13,8 +13,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
-    "canbus", "vehicles", "dbc", "ecus", "gateway", "safety_monitor", "simulation", "runtime",
-    "planner", "telemetry", "dbw", "bench", "examples",
+    "canbus", "vehicles", "dbc", "ecus", "gateway", "safety_monitor", "oracle", "simulation",
+    "runtime", "planner", "telemetry", "dbw", "bench", "examples",
 )
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -24,8 +24,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "ecus": {"canbus", "dbc", "vehicles"},
     "gateway": {"canbus", "dbc", "vehicles"},
     "safety_monitor": {"canbus", "dbc", "vehicles"},
+    "oracle": {"canbus", "dbc", "vehicles"},
     "planner": {"gateway", "vehicles"},
-    "simulation": {"canbus", "dbc", "ecus", "gateway", "safety_monitor", "vehicles"},
+    "simulation": {"canbus", "dbc", "ecus", "gateway", "oracle", "safety_monitor", "vehicles"},
     "runtime": {"canbus", "dbc", "ecus", "gateway", "safety_monitor", "simulation", "vehicles"},
     "telemetry": {"canbus", "dbc", "gateway", "planner", "simulation", "vehicles"},
     "dbw": set(PACKAGES) - {"bench", "examples"},
@@ -132,7 +133,9 @@ def test_the_plant_and_the_harness_know_ports_and_nothing_else_of_an_ecu(name: s
     "name",
     [
         name
-        for package in ("ecus", "safety_monitor", "simulation", "dbc", "gateway", "planner")
+        for package in (
+            "ecus", "safety_monitor", "oracle", "simulation", "dbc", "gateway", "planner",
+        )
         for name in sources(package)
         if name not in GATEWAY_IO
     ],
@@ -143,7 +146,7 @@ def test_no_core_knows_clocks_threads_sockets_or_chance(name: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [n for p in ("ecus", "safety_monitor", "simulation", "dbc") for n in sources(p)],
+    [n for p in ("ecus", "safety_monitor", "oracle", "simulation", "dbc") for n in sources(p)],
 )
 def test_no_core_knows_an_interface_to_a_bus(name: str) -> None:
     assert not imports(name) & {"canbus.python_can_bus", "canbus.bus"}
@@ -154,6 +157,12 @@ def test_cantools_is_imported_by_the_database_and_the_generator_alone() -> None:
     assert importers("cantools") - set(sources("bench")) == {"dbc/database.py", "dbc/generate.py"}
 
 
+@pytest.mark.parametrize("name", sources("oracle"))
+def test_the_oracle_shares_nothing_with_the_nodes_but_the_dbc_file(name: str) -> None:
+    ours = {m for m in imports(name) if m.startswith(("canbus.", "dbc."))}
+    assert all(m.startswith(("canbus.frame", "dbc.database")) for m in ours)
+
+
 def test_python_can_is_imported_in_one_place() -> None:
     assert importers("can") == {"canbus/python_can_bus.py"}
 
@@ -162,8 +171,8 @@ def test_canopen_is_imported_in_one_place() -> None:
     assert importers("canopen") == {"canbus/canopen_node.py"}
 
 
-def test_the_e2e_library_is_imported_in_one_place() -> None:
-    assert importers("e2e") == {"dbc/protection.py"}
+def test_the_e2e_library_is_imported_by_the_codec_and_by_its_judge() -> None:
+    assert importers("e2e") == {"dbc/protection.py", "oracle/decode.py"}
 
 
 def test_clocks_are_read_in_two_places() -> None:

@@ -8,7 +8,7 @@ Times are the simulation's true time: a caller whose own clock drifts converts f
 """
 
 from math import cos, pi, sin
-from typing import Final
+from typing import Final, NamedTuple
 
 from numpy.random import Generator
 
@@ -26,6 +26,16 @@ from simulation.plant.steering import SteeringColumn
 from simulation.plant.traction import Traction
 
 ORIGIN: Final = Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)
+
+
+class Parts(NamedTuple):
+    """What the car is made of."""
+
+    chassis: Chassis
+    column: SteeringColumn
+    brakes: Brakes
+    traction: Traction
+    hardware: Hardware
 
 
 class Car:
@@ -275,6 +285,11 @@ class Car:
             distance_m=chassis.distance_m,
             kinetic_energy_j=chassis.kinetic_energy_j(),
         )
+
+    @property
+    def parts(self) -> Parts:
+        """The car's parts, for whoever only looks."""
+        return Parts(self._chassis, self._column, self._brakes, self._traction, self._hardware)
 
     def _integrate(self, now_ns: int) -> None:
         driver = self.driver
