@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from math import isnan, nan
 
+from oracle.deadlines import Held
 from oracle.decode import Message
 from oracle.driver import ECHOES
 from oracle.property import Complain, Once, Property, ms
@@ -125,6 +126,7 @@ class NoOldDecision(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._commands = [scene.channels[name] for name in SETPOINTS]
+        self._held = Held(AGE_MARGIN_NS)
         self._once = Once()
 
     def _decided_ns(self) -> int:
@@ -142,15 +144,18 @@ class NoOldDecision(Property):
         """Compares the oldest of the three with the limit."""
         scene = self.scene
         if scene.mode is not Mode.AUTOMATIC or scene.braking_since_ns is not None:
+            self._held.update(now_ns, False)
             self._once.begins(False)
             return
         decided_ns = max(self._decided_ns(), scene.mode_since_ns)
         late_ns = now_ns - decided_ns - scene.decision_limit_ns
+        # a command may come with its age: nobody can have known of it before
+        is_known = self._held.update(now_ns, late_ns > 0)
         if late_ns <= AGE_MARGIN_NS or sample.is_full_brake_asked:
             self._once.begins(False)
             return
         margin_ns = AGE_MARGIN_NS + (DISTURBED_NS if scene.is_disturbed(now_ns) else 0)
-        if self._once.begins(late_ns > margin_ns):
+        if self._once.begins(is_known and late_ns > margin_ns):
             self.violated(
                 now_ns,
                 f"obeyed at an age of {ms(now_ns - decided_ns)}, "

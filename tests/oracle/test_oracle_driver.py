@@ -233,3 +233,11 @@ def test_a_setpoint_applied_in_manual_while_something_is_faulty_is_not() -> None
     history.fault(budget_ns=None)
     history.change("BRAKE_STATUS", applied_position_ratio=1.0)
     assert history.run(500).broken() == []
+
+
+def test_a_relay_that_closes_a_moment_before_the_frame_that_says_so_is_well() -> None:
+    history = History(RelayOpenUnderDriver)
+    history.run(500).mode(Mode.READY).run(100)
+    history.look(relay_closed=True)
+    history.mode(Mode.AUTOMATIC)
+    assert history.run(500).broken() == []
