@@ -14,6 +14,7 @@ from oracle.words import BRAKE_FRAMES, DRIVING, NS_PER_MS, Mode, Verdict
 
 ROLLING_NS = 100 * NS_PER_MS
 """A car that begins to roll (ER3) is braked again within this."""
+RESTARTED_NS = 30 * NS_PER_MS
 TRAVEL_MARGIN = 1.3
 """The servo is given so much more than its travel before it counts as dead (docs/safety.md)."""
 REGENERATION_LAG_NS = 250 * NS_PER_MS
@@ -61,7 +62,8 @@ class BrakeKept(Property):
     """In an emergency the brake is not released while the car moves, ER3 or not.
 
     docs/safety.md (ER3; the driver: "braking stays"). From 100 ms after the call the servo is sent
-    to its end; one that rests at standstill is applied again when the car rolls above 0.2 m/s.
+    to its end; one that rests at standstill is applied again when the car rolls above 0.2 m/s. A
+    brake ECU that restarts releases it for two cycles, until it has heard the supervisor.
     """
 
     name = "brake kept in an emergency"
@@ -69,6 +71,7 @@ class BrakeKept(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._moving = Held(ROLLING_NS)
+        self._released = Held(RESTARTED_NS)
         self._once = Once()
 
     def on_sample(self, now_ns: int, sample: Sample) -> None:
@@ -76,7 +79,8 @@ class BrakeKept(Property):
         since_ns = self.scene.braking_since_ns
         is_moving = self._moving.update(now_ns, abs(sample.speed_mps) > self.settings.moving_mps)
         is_due = since_ns is not None and now_ns - since_ns > self.settings.hazard_ns
-        if self._once.begins(is_due and is_moving and not sample.is_full_brake_asked):
+        is_released = is_due and is_moving and not sample.is_full_brake_asked
+        if self._once.begins(self._released.update(now_ns, is_released)):
             power = "powered" if sample.servo_powered else "unpowered"
             self.violated(
                 now_ns,

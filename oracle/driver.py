@@ -178,12 +178,21 @@ class RelayOpenUnderDriver(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._once = Once()
+        self._state = scene.channels["SUPERVISOR_STATE"]
+        self._closed_ns: int | None = None
 
     def on_sample(self, now_ns: int, sample: Sample) -> None:
-        """Looks at the relay."""
+        """Looks at the relay; the word for a mode comes a little after the relay has moved."""
+        if not sample.relay_closed:
+            self._closed_ns = None
+            self._once.begins(False)
+            return
+        if self._closed_ns is None:
+            self._closed_ns = now_ns
         scene = self.scene
-        is_due = scene.mode in HUMAN and now_ns - scene.mode_since_ns > RELAY_NS
-        if self._once.begins(is_due and sample.relay_closed):
+        is_due = now_ns - scene.mode_since_ns > RELAY_NS
+        is_still_said = self._state.heard_ns - self._closed_ns > RELAY_NS
+        if self._once.begins(scene.mode in HUMAN and is_due and is_still_said):
             self.violated(now_ns, f"closed in {scene.mode.name}")
 
 

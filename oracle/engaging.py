@@ -26,6 +26,8 @@ REQUEST_NS = 100 * NS_PER_MS
 BUTTON_NS = 150 * NS_PER_MS
 """From the push to READY: debounced for 30 ms, in a node that may be 50 ms late."""
 STARTED_NS = 2 * NS_PER_S
+RESTARTED_NS = 3 * NS_PER_S
+"""A node that comes back is out of sequence: ER0, which is told for a second and denies."""
 OTHERS = frozenset(HEARTBEATS.values()) - {"Supervisor"}
 DRIVERS = tuple(f"{prefix}_DRIVER" for prefix in AXES)
 TIMEOUTS_NS = {
@@ -120,7 +122,7 @@ class StartsUp(Property):
     """A start is no deadlock: MANUAL with PERMIT within 2 s after all nodes live, nothing faulty.
 
     Design: a verdict of DENY at start-up is no emergency, so neither waits for the other. Counts
-    anew after every fault, stranger and boot-up.
+    anew after every fault, stranger and boot-up; after a restart a second more.
     """
 
     name = "start-up ends in MANUAL with PERMIT"
@@ -148,6 +150,8 @@ class StartsUp(Property):
         elif message.name in HEARTBEATS:
             self._heard.add(message.sender)
             if message.values["state"] == HeartbeatState.BOOT_UP:
+                if self._is_done:
+                    self._due.span_ns = RESTARTED_NS
                 self._is_done = False
                 self._due.answer()
 
@@ -169,5 +173,5 @@ class StartsUp(Property):
         if self._due.is_overdue(now_ns):
             self._is_done = True
             self.violated(
-                now_ns, f"{scene.mode.name} with {self._verdict.name} after {ms(STARTED_NS)}"
+                now_ns, f"{scene.mode.name} with {self._verdict.name} after {ms(self._due.span_ns)}"
             )

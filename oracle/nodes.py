@@ -43,6 +43,7 @@ class RejoinsByRearming(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._channels = [(scene.channels[name], span) for name, span in SILENT_NS_OF.items()]
+        self._state = scene.channels["SUPERVISOR_STATE"]
         self._away: set[str] = set()
         self._back: dict[str, tuple[int, int]] = {}  # node: drive, since when it is back
         self._is_active: dict[str, bool] = {}
@@ -89,7 +90,7 @@ class RejoinsByRearming(Property):
                 continue
             if back_ns > OBEY_NS and self._is_active.get(node):
                 self._tell(now_ns, node, f"ACTIVE {ms(back_ns)} after it came back")
-            elif back_ns > LEAVE_NS:
+            elif self._state.heard_ns - since_ns > LEAVE_NS:  # the supervisor still says so
                 self._tell(now_ns, node, f"{scene.mode.name} goes on after it was away")
 
     def _tell(self, now_ns: int, node: str, text: str) -> None:

@@ -69,14 +69,15 @@ def test_a_brake_released_in_a_moving_emergency_is_told(change: dict[str, float]
     history = History(BrakeKept).drive().emergency()
     assert history.run(1000).broken() == []
     history.truth |= change
+    assert history.run(30).broken() == []
     assert history.run(10).broken()
 
 
-def test_a_brake_that_is_not_applied_at_all_is_told_after_100_ms() -> None:
+def test_a_brake_that_is_not_applied_at_all_is_told_after_130_ms() -> None:
     history = History(BrakeKept).drive()
     history.call_brake()
     history.mode(Mode.EMERGENCY)
-    assert history.run(100).broken() == []
+    assert history.run(130).broken() == []
     assert history.run(10).broken()
 
 
@@ -86,11 +87,11 @@ def test_er3_may_release_a_standing_car() -> None:
     assert history.run(5000).broken() == []
 
 
-def test_a_resting_car_that_rolls_is_braked_within_100_ms() -> None:
+def test_a_resting_car_that_rolls_is_braked_within_130_ms() -> None:
     history = History(BrakeKept).drive().emergency().stand()
     history.truth |= {"servo_target_ratio": 0.0, "speed_mps": -0.3}
-    assert history.run(100).broken() == []
-    assert history.run(10).broken()
+    assert history.run(130).broken() == []
+    assert history.run(20).broken()
 
 
 def test_an_emergency_without_a_supervisor_keeps_the_brake_too() -> None:

@@ -167,6 +167,12 @@ def test_a_closed_relay_under_a_human_is_told(mode: Mode) -> None:
     assert history.run(40).broken()
 
 
+def test_the_relay_closes_a_little_before_the_word_automatic() -> None:
+    history = History(RelayOpenUnderDriver).ready()
+    history.look(relay_closed=True)
+    assert history.run(10).mode(Mode.AUTOMATIC).run(500).broken() == []
+
+
 def test_the_relay_opens_with_the_mode() -> None:
     history = History(RelayOpenUnderDriver).drive()
     history.mode(Mode.MANUAL).run(10)

@@ -202,6 +202,14 @@ def test_faults_and_boot_ups_begin_the_time_anew() -> None:
     assert history.run(200).broken()
 
 
+def test_a_restart_has_a_second_more() -> None:
+    for late_ms, is_broken in ((2900, False), (3100, True)):
+        history = History(StartsUp).run(500)
+        history.boot_up("STEER_HEARTBEAT")
+        history.change("SAFETY_VERDICT", verdict=Verdict.DENY).run(late_ms)
+        assert bool(history.broken()) == is_broken
+
+
 def test_a_world_that_has_started_may_deny_as_long_as_it_likes() -> None:
     history = History(StartsUp).run(500)
     assert history.change("SAFETY_VERDICT", verdict=Verdict.DENY).run(5000).broken() == []
