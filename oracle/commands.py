@@ -126,7 +126,7 @@ class NoOldDecision(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._commands = [scene.channels[name] for name in SETPOINTS]
-        self._held = Held(AGE_MARGIN_NS)
+        self._held = Held(settings.sample_ns)
         self._once = Once()
 
     def _decided_ns(self) -> int:
@@ -149,7 +149,7 @@ class NoOldDecision(Property):
             return
         decided_ns = max(self._decided_ns(), scene.mode_since_ns)
         late_ns = now_ns - decided_ns - scene.decision_limit_ns
-        # a command may come with its age: nobody can have known of it before
+        # a command may come with its age: the nodes learn it in their next step
         is_known = self._held.update(now_ns, late_ns > 0)
         if late_ns <= AGE_MARGIN_NS or sample.is_full_brake_asked:
             self._once.begins(False)

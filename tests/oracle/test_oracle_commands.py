@@ -288,3 +288,11 @@ def test_every_property_has_a_name_and_tells_its_sentence_and_source(kind: type[
     assert text.split("\n\n")[0].strip().endswith((".", ")."))
     sources = ("docs/", "UAH", "UWA", "Design", "design", "is there, or was")
     assert any(source in text for source in sources)
+
+
+def test_a_command_that_comes_with_its_age_is_answered_in_the_nodes_next_step() -> None:
+    history = History(NoOldDecision).drive()
+    history.change("STEER_COMMAND", decision_age_ms=1270.0)
+    assert history.run(10).broken() == []
+    history.call_brake("STEER")
+    assert history.run(500).broken() == []
