@@ -23,21 +23,26 @@ from tests.vcan.latency import read_rows, table
 NETWORKS = ("vcan0", "vcan1", "can0", "can1")
 TIMEOUT_S = 2400.0
 """For a suite that takes some ten minutes on a quiet machine."""
-HALF = ("test_vcan_faults.py", "test_vcan_clock.py")
-"""About as much work as all other files together: these two have a machine of their own."""
+HALF = ("test_vcan_faults.py", "test_vcan_clock.py", "test_vcan_command_line.py")
+"""About as much work as all other files together: these have a machine of their own."""
+ALSO = ("tests/canbus/test_socketcan_kernel.py",)
+"""About the kernel as well, without a stack."""
 EXIT_NOTHING = 5
 """Of pytest: the arguments chose none of the tests."""
 
 FOLDER = Path(__file__).parent
-OUT = FOLDER.parents[1] / "out" / "vcan"
+ROOT = FOLDER.parents[1]
+OUT = ROOT / "out" / "vcan"
 PYTEST = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
 
 
 def main(arguments: list[str]) -> int:
     """The worst exit code of pytest, or 2 when there is no machine to run it in."""
     is_here = all(Path("/sys/class/net", name).exists() for name in NETWORKS)
-    files = sorted(path.name for path in FOLDER.glob("test_*.py"))
-    parts = [list(HALF), [name for name in files if name not in HALF]]
+    own = sorted(FOLDER.glob("test_*.py"))
+    files = [*own, *(ROOT / name for name in ALSO)]
+    half = [path for path in files if path.name in HALF]
+    parts = [half, [path for path in files if path not in half]]
     if is_here and os.geteuid() == 0:
         parts = [files]
     shutil.rmtree(OUT, ignore_errors=True)
@@ -56,9 +61,8 @@ def main(arguments: list[str]) -> int:
     return max((code for code in codes if code != EXIT_NOTHING), default=EXIT_NOTHING)
 
 
-def _command(out: Path, files: list[str], arguments: list[str]) -> list[str]:
-    paths = [str(FOLDER / name) for name in files]
-    return ["env", f"{VARIABLE}={out}", *PYTEST, *paths, *arguments]
+def _command(out: Path, files: list[Path], arguments: list[str]) -> list[str]:
+    return ["env", f"{VARIABLE}={out}", *PYTEST, *map(str, files), *arguments]
 
 
 def _run_in_machines(commands: list[list[str]]) -> list[int]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,20 @@ class Line:
             return None if reading is None else reading.content
         decoded = decode(frame)
         return decoded.message if isinstance(decoded, Decoded) else None
+
+
+@contextmanager
+def candump(path: Path, *channels: str) -> Iterator[None]:
+    """Writes down what is on these networks, a line at a time, so that it can be read meanwhile."""
+    with path.open("wb") as log:
+        process = subprocess.Popen(
+            ["stdbuf", "-oL", "candump", "-D", "-L", "-r", "4000000", *channels], stdout=log
+        )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def read_log(path: Path, since_s: float = 0.0) -> list[Line]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -26,7 +26,7 @@ from runtime.harness import HANDS_OFF, harness_frame
 from runtime.nodes import NODES, PLANT
 from runtime.process_settings import ProcessSettings
 from simulation.plant.state import Truth
-from tests.vcan.bus_log import HARNESS_BUS, Line, read_log
+from tests.vcan.bus_log import HARNESS_BUS, Line, candump, read_log
 from tests.vcan.planner import Planner, answer, planner_main
 from tests.vcan.processes import in_namespace, node_main, plant_main
 
@@ -79,13 +79,8 @@ class Stack:
         )
 
     def __enter__(self) -> Self:
-        with self.log_path.open("wb") as log:
-            # stdbuf: a line at a time, so that a test can read it while it grows
-            self._candump = subprocess.Popen(
-                ["stdbuf", "-oL", "candump", "-D", "-L", "-r", "4000000",
-                 self.channel, HARNESS_BUS],
-                stdout=log,
-            )
+        self._candump = candump(self.log_path, self.channel, HARNESS_BUS)
+        self._candump.__enter__()
         self._harness.__enter__()
         self._start_plant()
         for name in NODES:
@@ -104,8 +99,7 @@ class Stack:
                 process.kill()
                 process.join()
         self._harness.close()
-        self._candump.terminate()
-        self._candump.wait()
+        self._candump.__exit__(*sys.exc_info())
 
     # Processes -------------------------------------------------------------------------------
 
