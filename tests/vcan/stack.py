@@ -248,9 +248,13 @@ class Stack:
     def first(self, since_s: float, is_it: Callable[[Line], bool], limit_s: float = 2.0) -> Line:
         """Waits for the first frame of a kind."""
         found: list[Line] = []
+        seen_s = since_s
 
         def has_come() -> bool:
-            found.extend(line for line in self.log(since_s) if is_it(line))
+            nonlocal seen_s
+            lines = self.log(seen_s)  # what was looked at before is not read again
+            found.extend(line for line in lines if is_it(line))
+            seen_s = lines[-1].time_s if lines else seen_s
             return bool(found)
 
         self.wait(has_come, limit_s)
