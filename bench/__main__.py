@@ -11,8 +11,11 @@ import click
 from bench.table import Table
 from dbw.demo import interrupt_on_sigterm
 
-NAMES = ("codec", "speed", "demo", "lap", "emergency")
+NAMES = ("codec", "speed", "demo", "lap", "emergency", "socketcan")
 """In this order: what times comes before what only computes."""
+
+ONLY_BY_NAME = ("socketcan",)
+"""Takes an hour or more where SocketCAN is emulated."""
 
 
 class Result(Protocol):
@@ -44,10 +47,11 @@ Examples:
 def main(names: tuple[str, ...], quick: bool) -> None:
     """Measure what the project claims and print markdown tables.
 
-    NAME is one or more of codec, speed, demo, lap, emergency; without any, all of them.
+    NAME is one or more of codec, speed, demo, lap, emergency, socketcan; without any, all
+    but the last, which takes an hour or more in the virtual machine (`dbw vm`).
     """
     with interrupt_on_sigterm():  # workers end with their parent
-        for name in names or NAMES:
+        for name in names or [name for name in NAMES if name not in ONLY_BY_NAME]:
             click.echo(f"measuring {name} ...", err=True)
             measure = cast("Measure", import_module(f"bench.{name}"))
             for table in measure.measure(quick=quick).tables():

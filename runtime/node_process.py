@@ -125,7 +125,7 @@ class _Watch:
         self._report(Event(time_ns=now_ns, node=self._node, kind=kind, text=text))
 
 
-class _NodeLoop:
+class NodeLoop:
     """The state of one run."""
 
     def __init__(
@@ -136,7 +136,7 @@ class _NodeLoop:
         clock: Clock,
         report: Report,
         pacer: Pacer,
-        alive: Callable[[int], None],
+        alive: Callable[[int], None] = lambda now_ns: None,
     ) -> None:
         self.node = node
         self.bus = bus
@@ -159,9 +159,10 @@ class _NodeLoop:
             self._received += self.bus.receive(0)  # a late cycle still sees all there is
             self.port.poll()
             received, self._received = self._received, []
-            self._cycle(received, stop)
+            self.cycle(received, stop)
 
-    def _cycle(self, received: Sequence[ReceivedFrame], stop: StopFlag) -> None:
+    def cycle(self, received: Sequence[ReceivedFrame], stop: StopFlag) -> None:
+        """One step of the node, and what comes of it; it must be due."""
         now_ns = self.clock()
         self.pacer.begin(now_ns)
         output = self.node.step(now_ns, received, self.port.sensors(now_ns))
@@ -207,7 +208,7 @@ def run_node(
         is not raised, so that it ends this node alone.
     """
     pacer = Pacer(start_ns=clock(), period_ns=PERIOD_NS, phase_ns=phase_ns)
-    loop = _NodeLoop(node, bus, port, clock, report, pacer, alive)
+    loop = NodeLoop(node, bus, port, clock, report, pacer, alive)
     failure = None
     try:
         loop.run(stop)
