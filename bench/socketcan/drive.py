@@ -20,11 +20,10 @@ from typing import Any, Self
 from bench.socketcan.planner import ENGAGE, LOOK, RESET, View, plan
 from canbus.node import Event
 from canbus.python_can_bus import PythonCanBus
-from dbc.messages import Inhibit, Mode
-from gateway.sentences import INHIBIT_TEXT
+from dbc.messages import Mode
+from gateway.sentences import ONLY_THE_BUTTON
 from runtime.clock import NS_PER_S, monotonic_ns
-from runtime.harness import harness_frame
-from runtime.in_process import HANDS_OFF
+from runtime.harness import HANDS_OFF, harness_frame
 from runtime.node_process import run_node_process
 from runtime.nodes import NODES, PLANT
 from runtime.plant_process import run_plant_process
@@ -122,7 +121,7 @@ class Drive:
         view = self.ask(LOOK)
         if view.mode is Mode.EMERGENCY:  # nodes that start late miss each other
             view = self.ask(RESET)
-        return view.why_not_engaged == INHIBIT_TEXT[Inhibit.PRESS_BUTTON]
+        return view.why_not_engaged == ONLY_THE_BUTTON
 
     def _wait(self, condition: Callable[[], bool], limit_s: float) -> None:
         deadline_ns = monotonic_ns() + round(limit_s * NS_PER_S)
