@@ -15,7 +15,7 @@ demo: $(STAMP)
 
 # Tests about the wall clock run alone and untraced: a loaded machine makes nodes late.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not wall_clock" \
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not wall_clock" \
 		--cov --cov-report=
 	$(BIN)/python -m pytest tests/gateway -m wall_clock --cov --cov-append --cov-report=
 	$(BIN)/python -m coverage report --fail-under=100
@@ -23,7 +23,7 @@ test: $(STAMP)
 	$(BIN)/python -m tests.vcan
 
 test-fast: $(STAMP)
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow and not wall_clock"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not slow and not wall_clock"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
