@@ -22,7 +22,7 @@ from canbus.node import Event
 from canbus.python_can_bus import PythonCanBus
 from dbc.messages import Mode
 from gateway.sentences import ONLY_THE_BUTTON
-from runtime.clock import NS_PER_S, monotonic_ns
+from runtime.clock import NS_PER_S, monotonic_ns, realtime_ns
 from runtime.harness import HANDS_OFF, harness_frame
 from runtime.node_process import run_node_process
 from runtime.nodes import NODES, PLANT
@@ -148,7 +148,9 @@ class Drive:
 
     def engage(self) -> None:
         """From MANUAL to AUTOMATIC and up to speed; the planner drives on from here."""
-        with PythonCanBus("socketcan", HARNESS_CHANNEL, clock=monotonic_ns) as harness:
+        with PythonCanBus(
+            "socketcan", HARNESS_CHANNEL, clock=monotonic_ns, realtime=realtime_ns
+        ) as harness:
             for is_pressed in (True, False):
                 hands = replace(HANDS_OFF, button_pressed=is_pressed)
                 harness.send(harness_frame("DRIVER_HANDS", hands))
