@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from canbus.node import NODE_IDS
 from dbc.messages import (
     EmergencyBrake,
     ErrorCode,
@@ -73,7 +74,7 @@ def test_state_can_be_copied_and_handed_to_another_process(
     twin = through(state)
     # By their texts, for NaN equals nothing.
     assert repr(twin) == repr(state)
-    assert twin.node_health == state.node_health
+    assert twin.node_health == state.node_health and len(twin.node_health) == len(NODE_IDS)
     with pytest.raises(TypeError):
         twin.node_health["Steering"] = twin.node_health["Gateway"]  # type: ignore[index]
     assert asdict(twin)["mode"] is Mode.READY
