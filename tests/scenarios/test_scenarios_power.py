@@ -80,3 +80,17 @@ def test_one_node_that_loses_its_power_while_driving_lets_no_brake_go(name: str)
         assert drive.brake >= before - 0.03, drive.log()
         before = drive.brake
     assert drive.is_in(Mode.EMERGENCY)
+
+
+def test_a_brake_ecu_that_restarts_while_the_supervisor_is_dead_lets_no_brake_go() -> None:
+    """Nobody tells it who drives: its watchdog goes on braking, as the relay is closed."""
+    drive = Drive().go(6.0)
+    drive.stop_node("Supervisor")
+    drive.run(0.4)
+    drive.world.stations["BrakeServo"].restart()
+    before = drive.brake
+    assert before > 0.5
+    while abs(drive.speed) > 0.02:
+        drive.run(0.02)
+        assert drive.brake >= before - 0.03, drive.log()
+        before = drive.brake
