@@ -29,7 +29,8 @@ def _is_out_of_bounds(reading: object) -> bool:
 
 
 def test_er0_a_malformed_command_is_ignored_counted_and_reported(driving: Stack) -> None:
-    since_s = cansend("202#0011")
+    begin_s = cansend("202#0011")  # starting the program may take longer than the answer
+    since_s = driving.first(begin_s, lambda line: line.data == b"\x00\x11").time_s
     line = emcy(driving, since_s, "Steering", ErrorCode.ER0)
     within("ER0: malformed command", EMCY, since_s, line, SENSED_S)
     pause(0.3)
