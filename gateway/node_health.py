@@ -4,40 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
 
 from dbc.messages import ErrorCode, HeartbeatState, NodeState
 
 
-@dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NodeHealth:
     """One node as heard over the bus."""
 
-    heartbeat: Final[HeartbeatState | None]
+    heartbeat: HeartbeatState | None
     """NMT state; None when no heartbeat comes."""
-    age_s: Final[float]
+    age_s: float
     """Age of its newest protected 10 ms frame; infinite before the first."""
-    is_heard: Final[bool]
+    is_heard: bool
     """Whether that frame came within the DBC's time-out."""
-    node_state: Final[NodeState | None]
+    node_state: NodeState | None
     """State of a steer, throttle or brake node; None when not told or too old."""
-    codes: Final[tuple[ErrorCode, ...] | None]
+    codes: tuple[ErrorCode, ...] | None
     """Codes it reports in its driver frame; None when that frame is too old."""
-
-    def __init__(
-        self,
-        *,
-        heartbeat: HeartbeatState | None,
-        age_s: float,
-        is_heard: bool,
-        node_state: NodeState | None,
-        codes: tuple[ErrorCode, ...] | None,
-    ) -> None:
-        self.heartbeat = heartbeat
-        self.age_s = age_s
-        self.is_heard = is_heard
-        self.node_state = node_state
-        self.codes = codes
 
     @property
     def is_healthy(self) -> bool:

@@ -362,7 +362,7 @@ class Wire:
             self._kernel.at(
                 true_ns + restart_ns,
                 WIRE_PRIORITY,
-                lambda now_ns: self._restart(now_ns, controller, absence),
+                lambda now_ns: self._begin_recovery(now_ns, controller, absence),
             )
 
     def _drop_out(self, controller: Controller) -> None:
@@ -373,12 +373,9 @@ class Wire:
         self._routes.clear()
         self._on_bus = sum(other.is_on_bus for other in self.controllers.values())
 
-    def _restart(self, true_ns: int, controller: Controller, absence: int) -> None:
-        if controller.absence == absence:  # else it was switched off, or on, meanwhile
-            self.restart(true_ns, controller)
-
-    def restart(self, true_ns: int, controller: Controller) -> None:
-        """Begins the recovery of a controller that is bus-off."""
+    def _begin_recovery(self, true_ns: int, controller: Controller, absence: int) -> None:
+        if controller.absence != absence:
+            return  # it was switched off, or on, meanwhile
         recovery = Recovery(self._kernel, self._bitrate_bps, controller, self._come_back)
         self._recoveries.append(recovery)
         recovery.idle_from(max(true_ns, self._free_ns))

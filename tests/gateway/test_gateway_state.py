@@ -60,6 +60,8 @@ def test_state_is_frozen() -> None:
     state = Rig().start().state()
     with pytest.raises(FrozenInstanceError):
         state.mode = Mode.AUTOMATIC  # type: ignore[misc]
+    with pytest.raises(FrozenInstanceError):
+        state.node_health["Steering"].is_heard = False  # type: ignore[misc]
     with pytest.raises(TypeError):
         state.node_health["Steering"] = state.node_health["Gateway"]  # type: ignore[index]
 
