@@ -183,3 +183,13 @@ def test_node_told_to_end_during_a_step_sends_nothing_late() -> None:
     bus = FakeBus(clock)
     result, _ = run(FakeNode(work), clock=clock, bus=bus, port=port)
     assert bus.sent == [] and port.actuated == [] and result.exit_code == 0
+
+
+def test_a_step_without_a_command_leaves_the_hardware_to_its_watchdog() -> None:
+    def starts(now_ns: int) -> StepOutput[Any] | None:
+        is_starting = now_ns < 50 * MS
+        return StepOutput(frames=(), actuator=None, events=()) if is_starting else None
+
+    clock, port = FakeClock(), FakePort()
+    run(FakeNode(starts), clock=clock, bus=FakeBus(clock), port=port)
+    assert [now_ns for now_ns, _ in port.actuated] == [n * 10 * MS for n in range(5, 11)]

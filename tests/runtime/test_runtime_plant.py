@@ -100,6 +100,15 @@ def test_driver_drives_with_the_relay_open() -> None:
     assert side.truth.speed_mps > 0.3
 
 
+def test_relays_contact_is_sent_as_the_relay_stands() -> None:
+    side = plant()
+    for number, coil in enumerate((RelayCoil.CLOSE, RelayCoil.LEAVE, RelayCoil.OPEN)):
+        begin_ns = START_NS + 10 * number * MS
+        found = contents(side.step(begin_ns + 10 * MS, [relay(begin_ns + MS, coil)]))
+        is_closed = found["SUPERVISOR_SENSORS"].automatic_relay_closed
+        assert is_closed is (coil is not RelayCoil.OPEN)
+
+
 def test_relay_closes_stays_and_opens() -> None:
     side = plant()
     side.step(START_NS + 10 * MS, [relay(START_NS + MS, RelayCoil.CLOSE)])
