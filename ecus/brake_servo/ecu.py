@@ -16,7 +16,7 @@ from ecus.brake_servo.ports import RELEASED, BrakeActuator, BrakeSensors
 from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.driver_input import Debounce
 from ecus.common.encoder import EncoderSpeed
-from ecus.common.limits import clamp
+from ecus.common.limits import clamp, readable_ratio
 from ecus.common.node_state import SAFE_STATES
 from vehicles import Vehicle
 
@@ -78,12 +78,13 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
         )
         if self._driving_situation() is not Situation.STOPPING:
             self._stopping_since_ns = now_ns
-        self._position_ratio = sensors.servo_position_ratio
-        if math.isnan(sensors.servo_position_ratio) or math.isnan(sensors.pedal_ratio):
+        self._position_ratio = readable_ratio(sensors.servo_position_ratio)
+        pedal_ratio = readable_ratio(sensors.pedal_ratio)
+        if math.isnan(self._position_ratio) or math.isnan(pedal_ratio):
             self.shell.add_cause(ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
         self._check_servo(now_ns)
         # The servo moves the driver's pedal: what is beyond the servo is the driver.
-        beyond = sensors.pedal_ratio - clamp(sensors.servo_position_ratio, 0.0, 1.0)
+        beyond = pedal_ratio - clamp(self._position_ratio, 0.0, 1.0)
         self._pedal_ratio = beyond if math.isnan(beyond) else clamp(beyond, 0.0, POSITION_RATIO_MAX)
         return beyond > self.params.driver_pedal_ratio_max
 

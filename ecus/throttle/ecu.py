@@ -18,7 +18,7 @@ from dbc.messages import (
 )
 from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.encoder import EncoderSpeed
-from ecus.common.limits import clamp
+from ecus.common.limits import clamp, readable_ratio
 from ecus.common.node_state import SAFE_STATES
 from ecus.throttle.control import SpeedLoop, actuator_of
 from ecus.throttle.mode import ACTION, Situation, ThrottleAction
@@ -83,10 +83,10 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         self._wheel_speed_radps = clamp(
             motor_radps / self.params.gear_ratio, -WHEEL_SPEED_RADPS_MAX, WHEEL_SPEED_RADPS_MAX
         )
-        self._pedal_ratio = sensors.pedal_ratio
-        if math.isnan(sensors.pedal_ratio):
+        self._pedal_ratio = readable_ratio(sensors.pedal_ratio)
+        if math.isnan(self._pedal_ratio):
             self.shell.add_cause(ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
-        return sensors.pedal_ratio > self.params.driver_pedal_ratio_max
+        return self._pedal_ratio > self.params.driver_pedal_ratio_max
 
     def _act(self, now_ns: int) -> ThrottleActuator:
         before = self._action

@@ -111,9 +111,18 @@ SENSOR_CAUSES: dict[str, dict[str, tuple[ErrorCode, Reason, Callable[[Rig], None
     },
     "Throttle": {
         "pedal NaN": (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(pedal_ratio=math.nan)),
+        "pedal beyond": (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(pedal_ratio=1.05)),
+        "pedal below": (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(pedal_ratio=-0.05)),
     },
     "BrakeServo": {
         "pedal NaN": (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(pedal_ratio=math.nan)),
+        "pedal beyond": (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(pedal_ratio=1.05)),
+        "position beyond": (
+            ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(servo_position_ratio=1.05)
+        ),
+        "position below": (
+            ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(servo_position_ratio=-0.05)
+        ),
         "position NaN": (
             ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS, sensor(servo_position_ratio=math.nan)
         ),

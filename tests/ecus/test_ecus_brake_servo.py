@@ -225,7 +225,10 @@ def test_status_tells_position_echo_and_rear_wheel() -> None:
     assert status.rear_wheel_speed_radps * 0.287 == pytest.approx(2.0, rel=0.01)
 
 
-@pytest.mark.parametrize(("reading", "told"), [(9.0, 1.2), (-0.5, 0.0), (math.nan, math.nan)])
+@pytest.mark.parametrize(
+    ("reading", "told"),
+    [(9.0, math.nan), (1.04, 1.04), (-0.04, 0.0), (-0.5, math.nan), (math.nan, math.nan)],
+)
 def test_impossible_servo_positions_never_break_the_frame(reading: float, told: float) -> None:
     rig = Rig("BrakeServo")
     rig.sense(servo_position_ratio=reading)

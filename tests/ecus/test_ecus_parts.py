@@ -13,7 +13,7 @@ from ecus.brake_servo.control import RestInputs, ServoRest, approach
 from ecus.common.codes import CodeLatch, code_bits, code_flags
 from ecus.common.driver_input import Debounce
 from ecus.common.encoder import READING_AGE_S_MAX, EncoderSpeed
-from ecus.common.limits import clamp, towards
+from ecus.common.limits import clamp, readable_ratio, towards
 from tests.ecus.ecus_fakes import EncoderFake
 
 RADIUS_M = 0.287
@@ -143,6 +143,16 @@ def test_clamp_stays_within_its_limits_for_every_float(
 def test_clamp_of_nan_is_the_lower_limit_and_inside_nothing_changes() -> None:
     assert clamp(math.nan, -1.0, 2.0) == -1.0
     assert clamp(0.3, -1.0, 2.0) == 0.3
+
+
+@pytest.mark.parametrize("reading", [-0.04, 0.0, 0.5, 1.0, 1.04])
+def test_a_reading_within_its_range_or_its_noise_is_taken(reading: float) -> None:
+    assert readable_ratio(reading) == reading
+
+
+@pytest.mark.parametrize("reading", [-9.0, -0.041, 1.041, 1e9, math.inf, -math.inf, math.nan])
+def test_a_reading_out_of_bounds_is_none(reading: float) -> None:
+    assert math.isnan(readable_ratio(reading))
 
 
 @given(st.floats(-10, 10), st.floats(-10, 10), st.floats(0, 3))

@@ -211,8 +211,10 @@ def test_broken_pedal_is_er1_and_not_available_but_no_driver() -> None:
     assert flags(driver) == {ErrorCode.ER1} and driver.present_codes == 1 << 1
 
 
-def test_pedal_beyond_the_signal_saturates() -> None:
+@pytest.mark.parametrize("reading", [7.0, -0.5])
+def test_a_pedal_out_of_bounds_is_not_available_and_no_driver(reading: float) -> None:
     rig = Rig("Throttle")
-    rig.sense(pedal_ratio=7.0)
-    rig.steps(2)
-    assert rig.all_sent("DRIVER")[-1].pedal_ratio == pytest.approx(1.2)
+    rig.sense(pedal_ratio=reading)
+    rig.steps(10)
+    driver = rig.all_sent("DRIVER")[-1]
+    assert math.isnan(driver.pedal_ratio) and not driver.driver_active

@@ -100,10 +100,15 @@ def test_er4_and_er6_brake_and_let_the_steering_coast(
     assert_safe(drive)
 
 
-@pytest.mark.parametrize("pedal", ["throttle_pedal_override_ratio", "brake_pedal_override_ratio"])
-def test_a_pedal_that_cannot_be_read_brakes(pedal: str) -> None:
+@pytest.mark.parametrize("reading", [math.nan, 1.05, -0.05])
+@pytest.mark.parametrize(
+    "sensor",
+    ["throttle_pedal_override_ratio", "brake_pedal_override_ratio",
+     "servo_position_override_ratio"],
+)
+def test_a_pedal_or_servo_that_cannot_be_read_brakes(sensor: str, reading: float) -> None:
     drive = Drive().go(5.0)
-    setattr(drive.car.faults, pedal, math.nan)
+    setattr(drive.car.faults, sensor, reading)
     drive.run(0.04)
     assert drive.first_emergency() == (ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
     assert_safe(drive)
