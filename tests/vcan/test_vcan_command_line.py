@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from canbus.node import NODE_IDS
+from canbus.node import NODE_IDS, PERIOD_NS
 from dbc.endpoint import ID_OF_NAME, sent_by
 from dbc.harness import BrakeActuatorWire, PlantMotionWire
 from dbc.messages import SPECS, Heartbeat, HeartbeatState, Mode, Verdict
@@ -44,9 +44,6 @@ SEGMENT_M = 20.0
 ERROR_M_MAX = 0.15
 HEARTBEAT_ID = 0x700
 STANDING_MPS = 0.01
-
-pytestmark = pytest.mark.timeout(900.0, func_only=True)
-"""Without fixtures: the guest's clock races while it reads Python from the host's disk."""
 
 
 class Launched:
@@ -202,7 +199,8 @@ def test_sigterm_stops_a_driving_car_before_it_ends_anything_and_the_brakes_last
     brakes = [wire for wire in contents if isinstance(wire, BrakeActuatorWire)]
     assert motions and all(abs(motion.speed_mps) < STANDING_MPS for motion in motions)
     assert brakes and all(brake.servo_position_ratio == 1.0 for brake in brakes)
-    assert wires[-1].time_s > ended_s["brake_servo"]  # the car's own hardware
+    # The car's own hardware is stopped last: until the brake ECU's end it missed no cycle.
+    assert wires[-1].time_s > ended_s["brake_servo"] - PERIOD_NS / 1e9
 
 
 def test_down_ends_a_stack_that_is_still_starting(up: Launched, tmp_path: Path) -> None:
