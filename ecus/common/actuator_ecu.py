@@ -110,6 +110,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._is_armed = False
         self._active_since_ns = 0
         self._epoch: int | None = None
+        self._is_reset = False
         self._brake_wish: Cause | None = None
         self._supervisor: SupervisorState | None = None
         self._contested_until_ns = -NEVER_NS
@@ -185,6 +186,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         is_reset = self._epoch is not None and state.reset_epoch != self._epoch
         if is_reset and state.mode not in (Mode.INIT, Mode.EMERGENCY):
             self.shell.reset_codes()
+            self._is_reset = True
         self._epoch = state.reset_epoch
 
     def _check_peers(self, now_ns: int) -> None:
@@ -233,7 +235,9 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         if supervisor is None:
             return NodeEvent.NOTHING
         is_fresh = self.endpoint.is_fresh("SUPERVISOR_STATE", now_ns)
-        is_manual = supervisor.mode is Mode.MANUAL and is_fresh
+        # MANUAL may have passed unheard, on a bus that carried nothing: the epoch tells it.
+        is_reset = supervisor.mode is Mode.READY and self._is_reset
+        is_manual = (supervisor.mode is Mode.MANUAL or is_reset) and is_fresh
         is_contested = now_ns < self._contested_until_ns
         if is_manual and not is_contested:
             return NodeEvent.MANUAL
@@ -277,6 +281,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
             )
         if self.state is NodeState.RELEASED:
             self._brake_wish = None
+        if before not in SAFE_STATES:
+            self._is_reset = False
 
     # What is sent ----------------------------------------------------------------------------
 

@@ -4,7 +4,8 @@ Rules:
   An actuator moves only in ACTIVE, or by its own safe state in SAFE_ALONE and EMERGENCY.
   ACTIVE is entered only from RELEASED, by the supervisor's word and the node's own checks.
   SAFE_ALONE: the node's own checks failed while it drove; it acts without waiting for anybody.
-  Both safe states end by a supervisor in MANUAL alone: there a human drives, or a reset was given.
+  Both safe states end by a supervisor in MANUAL alone: there a human drives, or a reset was given;
+  READY with another reset epoch tells of a MANUAL that was not heard.
 """
 
 from __future__ import annotations

@@ -245,7 +245,7 @@ class SupervisorEcu:
         """The readings as one event, highest priority first."""
         pending = self._requests.pending(now_ns)
         is_pushed = self._button.pushed(sensors.button_pressed, now_ns)
-        may_reset = self.mode in (Mode.MANUAL, Mode.EMERGENCY)
+        may_reset = self.mode in (Mode.MANUAL, Mode.READY, Mode.EMERGENCY)
         is_asked = pending is Request.RESET
         if self.mode is Mode.EMERGENCY:
             is_sure = self._reset_asked.update(is_asked, now_ns)

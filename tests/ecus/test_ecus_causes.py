@@ -266,6 +266,33 @@ def test_dead_supervisor_in_manual_or_ready_does_not_stop_the_car(name: str) -> 
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_ready_ends_a_safe_state_only_with_another_reset_epoch(name: str) -> None:
+    rig = Rig(name).drive()
+    rig.steps(10)
+    rig.mode, rig.is_authorised = Mode.EMERGENCY, False
+    rig.steps(3)
+    rig.mode = Mode.READY  # MANUAL was not heard
+    rig.steps(20)
+    assert rig.state is NodeState.EMERGENCY
+    rig.reset_epoch += 1
+    rig.steps(2)
+    assert rig.node.state is NodeState.RELEASED
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reset_before_the_drive_ends_no_later_safe_state(name: str) -> None:
+    rig = Rig(name)
+    rig.reset_epoch += 1
+    rig.steps(3)
+    rig.drive().steps(10)
+    rig.mode, rig.is_authorised = Mode.EMERGENCY, False
+    rig.steps(3)
+    rig.mode = Mode.READY
+    rig.steps(20)
+    assert rig.state is NodeState.EMERGENCY
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_safe_state_outlives_a_supervisor_that_comes_back_in_automatic(name: str) -> None:
     rig = Rig(name).drive()
     supervisor_silent(rig)

@@ -236,14 +236,17 @@ def test_reset_in_manual_unlatches_without_leaving() -> None:
     assert set(street.modes) == {Mode.MANUAL} and street.shown.reset_epoch == 1
 
 
-@pytest.mark.parametrize("scene", ["ready", "automatic"])
-def test_reset_is_not_granted_elsewhere(scene: str) -> None:
-    street = Street()
-    getattr(street, scene)()
-    before = street.mode
+def test_reset_in_ready_unlatches_without_leaving() -> None:
+    street = Street().ready()
+    street.ask(Request.RESET).steps(20)
+    assert street.mode is Mode.READY and street.shown.reset_epoch == 1
+
+
+def test_reset_is_not_granted_to_a_car_that_drives_itself() -> None:
+    street = Street().automatic()
     street.steps(40)
     street.ask(Request.RESET).steps(10)
-    assert street.mode is before and street.shown.reset_epoch == 0
+    assert street.mode is Mode.AUTOMATIC and street.shown.reset_epoch == 0
 
 
 def test_reset_epoch_counts_to_fifteen_and_begins_anew() -> None:
