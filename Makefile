@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed
 # Pytest workers; 0 runs everything in one process.
 WORKERS ?= 2
 
-.PHONY: demo test test-fast lint bench bench-compiled compiled generate lock clean
+.PHONY: demo test test-fast lint bench bench-compiled compiled generate matrix lock clean
 
 demo: $(STAMP)
 	$(BIN)/dbw demo
@@ -42,6 +42,10 @@ compiled: $(STAMP)
 
 generate: $(STAMP)
 	$(BIN)/python -m dbc.generate
+
+# What each fault leads to, measured: docs/fault-matrix.md.
+matrix: $(STAMP)
+	$(BIN)/python -m campaign.matrix
 
 # Only for maintainers: renews the locked versions from pyproject.toml.
 lock:

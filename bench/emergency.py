@@ -1,7 +1,8 @@
 """From every cause to the emergency brake, for many seeds, beside the design's time budget.
 
-Each seed drives one world to the same state; each cause begins in a fork of it (`bench.fork`), at
-a phase of its own within 100 ms, which is a whole number of every node's and the planner's cycles.
+Each seed drives one world to the same state; each cause begins in a fork of it (`campaign.fork`),
+at a phase of its own within 100 ms, which is a whole number of every node's and the planner's
+cycles.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 
 from bench.causes import CAUSES, Cause, Origin, brake_budget_ns, bus_budget_ns
 from bench.false_trips import FaultFree, Losses, measure_fault_free, measure_losses
-from bench.fork import in_a_fork
 from bench.rig import NS_PER_MS, NS_PER_S, TABBY, Rig, told
 from bench.spread import spread
 from bench.table import Table, command_line, met
+from campaign.fork import in_a_fork
 from canbus.frame import Frame
 
 NAME = "emergency"

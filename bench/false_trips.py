@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from bench.fork import in_a_fork
 from bench.rig import NS_PER_S, Rig
 from bench.spread import spread
+from campaign.fork import in_a_fork
 from canbus.frame import Frame
 from dbc.messages import Request
 

@@ -16,8 +16,6 @@ class Demand(StrEnum):
     """The emergency brake must be called within the fault's time."""
     HANDOVER = "handover"
     """The driver must have the car within the fault's time."""
-    STOP = "stop"
-    """A controlled stop must begin within the fault's time."""
     ANY = "any"
     """It may brake, or show in a report alone, or not at all: no property may break."""
     GO_ON = "go on"
@@ -32,11 +30,12 @@ class InjectionResult:
         kind, target: Of `simulation.fault_kinds`.
         at_s, for_s, value, share: As in `simulation.faults.Fault`; `for_s` infinite: until healed.
         demand: What it asked for.
-        budget_ms: Its fault-tolerant time interval, for BRAKE, HANDOVER and STOP.
-        is_clean: It began in a car that drove itself, with no other fault there or lately.
+        budget_ms: Its fault-tolerant time interval, for BRAKE and HANDOVER.
+        is_clean: It began in a car that drove itself, with no other fault there or lately, and none
+            came until it was answered.
         is_due: It asked for something, of a car that drove itself, and lasted for that time.
-        latency_ms: From its beginning to what it asked for; for ANY and GO_ON to the emergency
-            brake, if it was called in the fault's own time. None: that never came.
+        latency_ms: From its beginning to what it asked for; for ANY and GO_ON, if it is clean, to
+            the emergency brake. None: that never came, or may be another fault's.
         code: What the first EMERGENCY_BRAKE after it said (`ER2 NODE_SILENT`), or the first code
             that was reported; empty: nothing was said.
         is_detected: Something was said, or done, about it.

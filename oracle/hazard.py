@@ -41,6 +41,7 @@ class Hazard:
             kind=self.kind, target=self.target, true_ns=self.began_ns,
             emergency_ms=self._since(self.emergency_ns), setpoint_ms=self._since(self.setpoint_ns),
             brake_ms=self._since(self.full_ns), standstill_ms=self._since(self.standstill_ns),
+            is_missed=self.is_late_told, is_moot=self.is_over and not self.is_answered,
         )
 
     def _since(self, time_ns: int | None) -> float | None:

@@ -20,7 +20,8 @@ class HazardAnswered(Property):
     The answer is EMERGENCY_BRAKE on the bus or the servo sent to its end. The injector tells each
     hazardous fault's time (100 ms by default); the emergency stop, FAILSAFE and the planner's own
     request are sensed causes of 20 ms (docs/safety.md; the time budget). A driver who has taken
-    the car meanwhile, or a fault that went before its time, needs no answer.
+    the car meanwhile, or a fault that went before its time, needs no answer; a further fault
+    before the answer begins the time anew.
     """
 
     name = "hazard answered in time"
@@ -32,6 +33,8 @@ class HazardAnswered(Property):
 
     def on_fault(self, now_ns: int, fault: Fault, *, is_begin: bool) -> None:
         """A hazardous fault opens a hazard; one that ends unanswered in its time closes it."""
+        if is_begin:
+            self._postpone(now_ns)
         if is_begin and fault.budget_ns is not None:
             self._begin(now_ns, fault.kind, fault.target, fault.budget_ns)
         if not is_begin:
@@ -39,6 +42,13 @@ class HazardAnswered(Property):
                 is_it = (hazard.kind, hazard.target) == (fault.kind, fault.target)
                 hazard.is_over |= is_it and not hazard.is_answered
             self._forget()
+
+    def _postpone(self, now_ns: int) -> None:
+        """Another fault may strike who was about to answer: the time counts from the last."""
+        for hazard in self.scene.open_hazards:
+            if not hazard.is_answered and not hazard.is_late_told:
+                again_ns = now_ns - hazard.began_ns + self.settings.hazard_ns
+                hazard.budget_ns = max(hazard.budget_ns, again_ns)
 
     def _begin(self, now_ns: int, kind: str, target: str, budget_ns: int) -> None:
         scene = self.scene

@@ -39,6 +39,8 @@ class Reaction:
         setpoint_ms: Until the servo was sent to its end.
         brake_ms: Until it was at 90 %.
         standstill_ms: Until the car stood.
+        is_missed: It was due, and there was no answer.
+        is_moot: Without an answer: the driver took the car, or it went, before it was due.
     """
 
     kind: str
@@ -48,6 +50,8 @@ class Reaction:
     setpoint_ms: float | None
     brake_ms: float | None
     standstill_ms: float | None
+    is_missed: bool
+    is_moot: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -175,9 +175,9 @@ def _actuator(does: str, unit: str = "", low: float = 0.0, high: float = 0.0,
 
 
 def _other(does: str, unit: str = "", low: float = 0.0, high: float = 0.0,
-           default: float = 0.0, *, has_share: bool = False) -> KindSpec:
+           default: float = 0.0, *, has_share: bool = False, is_instant: bool = False) -> KindSpec:
     return KindSpec(strikes=Strikes.NOTHING, does=does, unit=unit, low=low, high=high,
-                    default=default, has_share=has_share)
+                    default=default, has_share=has_share, is_instant=is_instant)
 
 
 _K = FaultKind
@@ -205,7 +205,8 @@ KINDS: dict[FaultKind, KindSpec] = {
     _K.BABBLE: _node("repeats its last frame {value}", "per s", 1.0, 10_000.0, 2000.0),
     _K.FLOOD: _other("a stranger sends identifier 0 {value}", "per s", 1.0, 20_000.0, 20_000.0),
     _K.NOISE: _other("frames are disturbed on the wire", has_share=True),
-    _K.BROWN_OUT: _other("all nodes lose their power for {value}", "s", 0.001, 10.0, 0.3),
+    _K.BROWN_OUT: _other("all nodes lose their power for {value}", "s", 0.001, 10.0, 0.3,
+                         is_instant=True),
     _K.SENSOR_STUCK: _sensor("stays where it is"),
     _K.SENSOR_OFFSET: _sensor("is {value} of its range off", "of range", -2.0, 2.0, 0.2),
     _K.SENSOR_NOISE: _sensor("jumps about with {value} of its range", "of range", 0.0, 2.0, 0.1),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from numpy.random import Generator
 
@@ -33,6 +33,7 @@ class FrameFaults:
         self._world = world
         self._rng = rng
         self._on_wire: list[Fault] = []
+        self.corruption_listeners: list[Callable[[str, Frame, Frame], None]] = []
 
     def begin(self, fault: Fault) -> Undo:
         """A fault of one message begins."""
@@ -89,7 +90,10 @@ class FrameFaults:
         data = bytearray(frame.data)
         for bit in self._rng.choice(8 * len(data), size=int(fault.value), replace=False):
             data[int(bit) // 8] ^= 1 << int(bit) % 8
-        return [Frame(frame.can_id, bytes(data))]
+        heard = Frame(frame.can_id, bytes(data))
+        for listener in self.corruption_listeners:
+            listener(sender, frame, heard)
+        return [heard]
 
     def _send_later(self, at_ns: int, sender: str, frame: Frame) -> None:
         wire = self._world.wire

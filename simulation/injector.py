@@ -28,6 +28,7 @@ FAULT_PRIORITY = -1
 """A fault of this instant is there before anything else happens in it."""
 STRANGER = "stranger"
 FLOODER = "flooder"
+POWER_CUTS = frozenset({FaultKind.RESTART, FaultKind.BROWN_OUT})
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -59,6 +60,7 @@ class Injector:
     Attributes:
         injections: what has begun so far, in order.
         listeners: told of every beginning and end.
+        corruption_listeners: told `(sender, sent, heard)` of every frame changed in its sender.
         planner: the planner's fault in force; the pilot acts on it.
     """
 
@@ -69,6 +71,7 @@ class Injector:
         self._world = world
         self._rng = rng
         self._frames = FrameFaults(world, rng)
+        self.corruption_listeners = self._frames.corruption_listeners
         self._overlays = Overlays()
         self._wiring = WiringFaults(world, rng, self._overlays)
         self._undo: dict[int, tuple[Injection, Undo]] = {}
@@ -104,12 +107,27 @@ class Injector:
         number = len(self.injections)
         if KINDS[fault.kind].is_instant:
             undo(true_ns)
-            injection.end_ns = true_ns
+            self._end_later(injection, true_ns)
             return
         self._undo[number] = (injection, undo)
         if not math.isinf(fault.for_s):
             end_ns = true_ns + round(fault.for_s * NS_PER_S)
             self._world.kernel.at(end_ns, FAULT_PRIORITY, partial(self._end, number))
+
+    def _end_later(self, injection: Injection, true_ns: int) -> None:
+        """What happens once is over at once, but a power cut when there is power again."""
+        fault = injection.fault
+        span_ns = round(fault.value * NS_PER_S) if fault.kind in POWER_CUTS else 0
+
+        def end(now_ns: int) -> None:
+            injection.end_ns = now_ns
+            for listener in self.listeners:
+                listener(now_ns, fault, False)
+
+        if span_ns:
+            self._world.kernel.at(true_ns + span_ns, FAULT_PRIORITY, end)
+        else:
+            end(true_ns)
 
     def _end(self, number: int, true_ns: int) -> None:
         if number not in self._undo:

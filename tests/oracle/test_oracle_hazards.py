@@ -79,6 +79,28 @@ def test_a_fault_that_goes_after_its_time_needed_one() -> None:
     assert history.broken()
 
 
+@pytest.mark.parametrize(("after_ms", "is_late"), [(149.0, False), (150.1, True)])
+def test_a_further_fault_before_the_answer_begins_the_time_anew(
+    after_ms: float, is_late: bool
+) -> None:
+    history = History(HazardAnswered).drive()
+    history.fault()
+    history.wait(50)
+    history.fault()
+    history.wait(after_ms - 50)
+    history.call_brake()
+    assert bool(history.run(50).broken()) is is_late
+
+
+def test_a_further_fault_after_the_time_excuses_nothing() -> None:
+    history = History(HazardAnswered).drive()
+    history.fault()
+    history.run(110)
+    history.fault()
+    history.call_brake()
+    assert len(history.run(50).broken()) == 1
+
+
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.READY])
 def test_a_fault_under_a_human_needs_no_answer(mode: Mode) -> None:
     history = History(HazardAnswered)

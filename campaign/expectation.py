@@ -1,0 +1,169 @@
+"""What each fault asks of a car that drives itself, and how soon: its fault-tolerant time interval.
+
+The times are the design's (docs/safety.md): what is sensed is on the bus within 20 ms and the wire,
+any other fault that makes the car unsafe within 100 ms. A fault too small, too short or too
+uncertain to be told from what is allowed asks for nothing: the properties of `oracle/` hold all the
+same, and what it led to is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from campaign.result import Demand
+from oracle.settings import HAZARD_NS, SENSED_NS, SILENT_NS
+from simulation.fault_kinds import KINDS, SENSORS, FaultKind
+from simulation.faults import Fault
+
+NS_PER_MS = 1_000_000
+S_PER_MS = 1e-3
+SILENT_MS = HAZARD_NS / NS_PER_MS
+SENSED_MS = SENSED_NS / NS_PER_MS
+TOUCH_MS = 100.0
+"""A touch gives the driver the car within this."""
+GRIP_SHARE = 0.35
+"""Of what a driver can do: above every threshold for hands and feet, by a margin."""
+
+CYCLIC = frozenset({
+    "SUPERVISOR_STATE", "STEER_STATUS", "THROTTLE_STATUS", "BRAKE_STATUS", "SAFETY_VERDICT",
+    "STEER_COMMAND", "THROTTLE_COMMAND", "BRAKE_COMMAND",
+})
+"""Messages without which the car must not drive."""
+FULL_LOAD_PER_S = 12_000.0
+"""More frames of identifier 0 than 500 kbit/s carry: nothing else gets through."""
+PATH = "path error bounded"
+BRAKE_IS_BROKEN = frozenset({
+    "brake kept in an emergency", "hazard ends braked at a standstill",
+    "no drive torque while emergency braking",
+})
+"""What no software keeps when the servo itself does not do as it is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """What one fault asks for.
+
+    Attributes:
+        demand: What must follow.
+        budget_ms: Within this from its beginning; None: nothing must.
+        excuses: Properties that this fault is beyond, by physics.
+    """
+
+    demand: Demand = Demand.ANY
+    budget_ms: float | None = None
+    excuses: frozenset[str] = frozenset()
+
+
+ANYTHING = Expectation()
+GOES_ON = Expectation(demand=Demand.GO_ON)
+BRAKES_IF_SILENT = Expectation(demand=Demand.BRAKE, budget_ms=SILENT_MS)
+BRAKES_IF_SENSED = Expectation(demand=Demand.BRAKE, budget_ms=SENSED_MS)
+OUT_OF_ORDER = Expectation(excuses=frozenset({"modes in order"}))
+"""What is heard late is heard in another order than it was said."""
+HANDS_OVER = Expectation(demand=Demand.HANDOVER, budget_ms=TOUCH_MS)
+OFF_THE_PATH = Expectation(excuses=frozenset({PATH}))
+
+Rule = Callable[[Fault], Expectation]
+
+
+def _always(expectation: Expectation) -> Rule:
+    return lambda fault: expectation
+
+
+def _if(condition: Callable[[Fault], bool], then: Expectation, otherwise: Expectation) -> Rule:
+    return lambda fault: then if condition(fault) else otherwise
+
+
+def _of_message(fault: Fault) -> Expectation:
+    """All frames of a message that the car needs are gone, or useless."""
+    is_all = fault.share == 1.0 and fault.target in CYCLIC
+    return BRAKES_IF_SILENT if is_all else ANYTHING
+
+
+def _grab(fault: Fault) -> Expectation:
+    if fault.target == "emergency_stop":
+        return BRAKES_IF_SENSED if fault.value > 0.0 else ANYTHING
+    if fault.target == "button":
+        return ANYTHING
+    if fault.value < GRIP_SHARE:
+        return OFF_THE_PATH
+    return HANDS_OVER
+
+
+def _actuator(fault: Fault) -> Expectation:
+    return {
+        "BrakeServo": Expectation(excuses=BRAKE_IS_BROKEN),
+        "Steering": OFF_THE_PATH,
+    }.get(fault.target, ANYTHING)
+
+
+def _reading(fault: Fault) -> Expectation:
+    return OFF_THE_PATH if SENSORS[fault.target].node == "Steering" else ANYTHING
+
+
+_K = FaultKind
+RULES: dict[FaultKind, Rule] = {
+    _K.DROP: _of_message,
+    _K.DELAY: _if(lambda fault: fault.target == "SUPERVISOR_STATE", OUT_OF_ORDER, ANYTHING),
+    _K.DUPLICATE: _always(ANYTHING),
+    _K.CORRUPT_BEFORE_CRC: _always(ANYTHING),
+    _K.CORRUPT_ON_WIRE: _always(ANYTHING),
+    _K.TRUNCATE: _of_message,
+    _K.REPLAY: _always(ANYTHING),
+    _K.SPOOF: _of_message,
+    _K.CRASH: _always(BRAKES_IF_SILENT),
+    _K.FREEZE: _always(BRAKES_IF_SILENT),
+    _K.SLOW_STEP: _if(lambda fault: fault.value > SILENT_MS, BRAKES_IF_SILENT, ANYTHING),
+    _K.JITTER: _if(lambda fault: fault.value <= 4.0, GOES_ON, ANYTHING),
+    _K.RESTART: _if(lambda f: f.value >= SILENT_MS * S_PER_MS, BRAKES_IF_SILENT, ANYTHING),
+    _K.CLOCK_JUMP: _always(ANYTHING),
+    _K.CLOCK_DRIFT: _always(ANYTHING),
+    _K.MUTE: _always(BRAKES_IF_SILENT),
+    _K.DEAF: _if(lambda fault: fault.target != "Gateway", BRAKES_IF_SILENT, ANYTHING),
+    _K.BUS_OFF: _always(BRAKES_IF_SILENT),
+    _K.BABBLE: _always(ANYTHING),
+    _K.FLOOD: _if(lambda fault: fault.value >= FULL_LOAD_PER_S, BRAKES_IF_SILENT, ANYTHING),
+    _K.NOISE: _if(lambda fault: fault.share == 1.0, BRAKES_IF_SILENT, ANYTHING),
+    _K.BROWN_OUT: _if(lambda f: f.value >= SILENT_MS * S_PER_MS, BRAKES_IF_SILENT, ANYTHING),
+    _K.SENSOR_STUCK: _reading,
+    _K.SENSOR_OFFSET: _reading,
+    _K.SENSOR_NOISE: _reading,
+    _K.SENSOR_OUT_OF_BOUNDS: _if(
+        lambda fault: fault.target == "Steering.driver_torque_nm", HANDS_OVER, BRAKES_IF_SENSED
+    ),
+    _K.SENSOR_NAN: _always(BRAKES_IF_SENSED),
+    _K.SENSOR_SWAPPED: _reading,
+    _K.ENCODER_DEAD: _always(ANYTHING),
+    _K.ACTUATOR_STUCK: _actuator,
+    _K.ACTUATOR_WEAK: _actuator,
+    _K.ACTUATOR_SLOW: _actuator,
+    _K.ACTUATOR_HOT: _actuator,
+    _K.PLANNER_FROZEN: _always(BRAKES_IF_SILENT),
+    _K.PLANNER_LATE: _always(ANYTHING),
+    _K.PLANNER_ABSURD: _always(OFF_THE_PATH),
+    _K.PLANNER_OSCILLATING: _always(OFF_THE_PATH),
+    _K.PLANNER_NAN: _always(BRAKES_IF_SILENT),
+    _K.DRIVER_GRABS: _grab,
+    _K.FRICTION: _always(OFF_THE_PATH),
+    _K.SLOPE: _always(ANYTHING),
+    _K.LOAD: _always(ANYTHING),
+}
+"""By kind of fault."""
+
+assert RULES.keys() == set(FaultKind)
+assert SILENT_NS < HAZARD_NS
+
+
+def expected(fault: Fault) -> Expectation:
+    """What this fault asks for; one that is over before its time asks for nothing."""
+    expectation = RULES[fault.kind](fault)
+    budget_ms = expectation.budget_ms
+    is_long = budget_ms is None or _lasts_ms(fault) >= budget_ms
+    return expectation if is_long else Expectation(excuses=expectation.excuses)
+
+
+def _lasts_ms(fault: Fault) -> float:
+    """How long it is there; one that happens at an instant stays."""
+    return math.inf if KINDS[fault.kind].is_instant else fault.for_s / S_PER_MS
