@@ -51,7 +51,7 @@ class DaskPool:
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors say it already
         where = f"--workers dask://{self._address}"
         try:
-            self._client = Client(self._address, timeout=CONNECT_S, set_as_default=False)
+            self._client = _connect(self._address)
         except (OSError, ValueError) as error:
             raise WorkersError(f"{where}: no Dask scheduler answers: {_reason(error)}") from error
         try:
@@ -69,11 +69,17 @@ class DaskPool:
 
     def submit(self, task: Callable[[int], AnswerT], seed: int) -> Future[AnswerT]:
         """As `Pool`."""
-        future: Future[AnswerT] = self._executor.submit(partial(_checked, task, code_sha256()), seed)
+        checked = partial(_checked, task, code_sha256())
+        future: Future[AnswerT] = self._executor.submit(checked, seed)
         return future
 
     def renew(self) -> None:
         """As `Pool`: nothing to do, the cluster renews itself."""
+
+
+def _connect(address: str) -> Any:
+    make: Any = Client  # not typed
+    return make(address, timeout=CONNECT_S, set_as_default=False)
 
 
 def _reason(error: Exception) -> str:

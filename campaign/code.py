@@ -15,7 +15,10 @@ PACKAGES = (
 )  # fmt: skip
 """All that a seed's result can depend on."""
 SUFFIXES = frozenset({".py", ".dbc", ".eds", ".toml", ".csv"})
-TELLING = frozenset({"cluster", "code", "minimise", "parts", "replay", "report", "store", "workers"})
+TELLING = frozenset({
+    "cluster", "code", "failure", "minimise", "page", "parts", "plots", "replay", "report",
+    "statistics", "store", "summary", "workers",
+})
 """Modules of `campaign` that carry results about and change none."""
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import heapq
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -37,6 +37,7 @@ COLUMN_OF: dict[Any, Any] = {
 }
 
 Row = dict[str, Any]
+ItemT = TypeVar("ItemT")
 
 
 def _schema(kind: type) -> Any:
@@ -124,25 +125,32 @@ def _part(folder: Path, name: str) -> Iterator[SeedResult]:
 
 
 def read_results(folder: Path) -> Iterator[SeedResult]:
-    """All results in order of seed. Only parts that overlap are in memory at a time."""
-    waiting: list[tuple[int, SeedResult]] = []
-    for name in part_names(folder):
-        while waiting and waiting[0][0] < _first_seed(name):
-            yield heapq.heappop(waiting)[1]
-        for result in _part(folder, name):
-            heapq.heappush(waiting, (result.seed, result))
-    while waiting:
-        yield heapq.heappop(waiting)[1]
+    """All results, in order of seed."""
+    for _, result in _in_order(folder, lambda name: ((r.seed, r) for r in _part(folder, name))):
+        yield result
 
 
 def read_hashes(folder: Path) -> Iterator[tuple[int, str]]:
     """`(seed, trace_sha256)` of all results, in order of seed."""
-    waiting: list[tuple[int, str]] = []
+    columns = ("seed", "trace_sha256")
+
+    def hashes(name: str) -> Iterator[tuple[int, str]]:
+        for row in _rows(folder, SEEDS, name, columns):
+            yield row["seed"], row["trace_sha256"]
+
+    return _in_order(folder, hashes)
+
+
+def _in_order(
+    folder: Path, read: Callable[[str], Iterable[tuple[int, ItemT]]]
+) -> Iterator[tuple[int, ItemT]]:
+    """Items of all parts by seed. Only parts that overlap are in memory at a time."""
+    waiting: list[tuple[int, ItemT]] = []
     for name in part_names(folder):
         while waiting and waiting[0][0] < _first_seed(name):
             yield heapq.heappop(waiting)
-        for row in _rows(folder, SEEDS, name, ("seed", "trace_sha256")):
-            heapq.heappush(waiting, (row["seed"], row["trace_sha256"]))
+        for item in read(name):
+            heapq.heappush(waiting, item)
     while waiting:
         yield heapq.heappop(waiting)
 

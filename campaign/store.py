@@ -7,7 +7,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import IO, Self
 
@@ -47,6 +47,7 @@ class Campaign:
         vehicle, seed_s, faults_name: Of the settings, for a reader.
         first_seed: The first of the seeds.
         hours: How long, all seeds together.
+        wall_s: How long it has been running until the newest part.
     """
 
     settings_sha256: str
@@ -56,6 +57,7 @@ class Campaign:
     faults_name: str
     first_seed: int
     hours: float
+    wall_s: float = 0.0
 
     @classmethod
     def of(cls, settings: CampaignSettings, hours: float, first_seed: int) -> Self:
@@ -90,6 +92,9 @@ class Store:
         folder: Made if it is missing.
         campaign: More hours than before add to what is there.
         restart: Removes what is there.
+
+    Attributes:
+        wall_s: How long the campaign has been running until the newest part, all runs together.
     """
 
     def __init__(self, folder: Path, campaign: Campaign, *, restart: bool = False) -> None:
@@ -97,7 +102,8 @@ class Store:
         self._campaign = campaign
         self._is_restart = restart
         self._held: list[SeedResult] = []
-        self._written_ns = 0
+        self._start_ns = self._written_ns = 0
+        self._earlier_s = self.wall_s = 0.0
         self._lock: IO[str] | None = None
 
     def __enter__(self) -> Self:
@@ -127,10 +133,16 @@ class Store:
         for name in DATASETS:
             (self.folder / name).mkdir(exist_ok=True)
         remove_leftovers(self.folder)
+        found = campaign_in(self.folder)
+        self._earlier_s = self.wall_s = 0.0 if found is None else found.wall_s
+        self._write_head()
+        self._start_ns = self._written_ns = monotonic_ns()
+
+    def _write_head(self) -> None:
+        head = asdict(replace(self._campaign, wall_s=round(self.wall_s, 3)))
         unfinished = self.folder / f".{HEAD}"
-        unfinished.write_text(json.dumps(asdict(self._campaign), indent=1) + "\n", encoding="utf-8")
+        unfinished.write_text(json.dumps(head, indent=1) + "\n", encoding="utf-8")
         unfinished.replace(self.folder / HEAD)
-        self._written_ns = monotonic_ns()
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -162,8 +174,10 @@ class Store:
         """
         self._written_ns = monotonic_ns()
         if self._held:
+            self.wall_s = self._earlier_s + (self._written_ns - self._start_ns) * 1e-9
             try:
                 write_part(self.folder, self._held)
+                self._write_head()
             except OSError as error:
                 raise _unusable(self.folder, error) from error
             self._held = []

@@ -35,15 +35,15 @@ class WorkersError(Exception):
 
 
 class Pool(Protocol):
-    """Where tasks run, for as long as `with` lasts.
+    """Where tasks run, for as long as `with` lasts."""
 
-    Attributes:
-        death: What a task's future raises when its worker died.
-        deaths_max: A seed whose worker died so often is given up.
-    """
+    @property
+    def death(self) -> tuple[type[BaseException], ...]:
+        """What a task's future raises when its worker died."""
 
-    death: tuple[type[BaseException], ...]
-    deaths_max: int
+    @property
+    def deaths_max(self) -> int:
+        """A seed whose worker died so often is given up."""
 
     @property
     def count(self) -> int:
@@ -75,22 +75,22 @@ class LocalPool:
     def __init__(self, processes: int) -> None:
         self.count = processes
         self._executor: ProcessPoolExecutor | None = None
+        self._leash: Connection | None = None
         self._hold: Connection | None = None
 
     def __enter__(self) -> Self:
         """Makes the pool; a process starts with its first task."""
         # A fork would carry whatever threads and memory this process has.
         context = multiprocessing.get_context("spawn")
-        leash, self._hold = context.Pipe(duplex=False)
+        self._leash, self._hold = context.Pipe(duplex=False)
         self._executor = ProcessPoolExecutor(
-            self.count, mp_context=context, initializer=_begin_worker, initargs=(leash,)
+            self.count, mp_context=context, initializer=_begin_worker, initargs=(self._leash,)
         )
-        self._leash = leash
         return self
 
     def __exit__(self, *exception: object) -> None:
         """Lets go of the leash, so that all processes end at once, and waits for them."""
-        assert self._executor is not None and self._hold is not None
+        assert self._executor and self._leash and self._hold
         self._hold.close()
         self._executor.shutdown(cancel_futures=True)
         self._leash.close()
