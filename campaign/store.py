@@ -239,10 +239,10 @@ def campaign_in(folder: Path) -> Campaign | None:
     path = folder / HEAD
     try:
         return Campaign(**json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise _unusable(path, error) from error
+        raise StoreError(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, TypeError) as error:
         raise StoreError(f"{path}: not the head of a campaign; --restart begins anew") from error
 

@@ -18,6 +18,7 @@ from campaign.settings import CampaignSettings
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 from simulation.world import World
+from vehicles import load_vehicle
 
 SETTINGS = CampaignSettings()
 KILLER = 11
@@ -82,8 +83,12 @@ def run_failing(
     faults: Sequence[Fault] | None = None,
     watch: Callable[[World], None] | None = None,
 ) -> SeedResult:
-    """Some seeds fail, whenever a CRASH and a FREEZE come together."""
+    """Some seeds fail, when a CRASH and a FREEZE come together; a recorder sees half a second."""
     result = result_of(seed)
+    if watch is not None:
+        world = World(load_vehicle(settings.vehicle), seed, keep_frames=False)
+        watch(world)
+        world.run_for(0.5)
     given = faults_of(settings, seed) if faults is None else faults
     kinds = {fault.kind for fault in given}
     if seed not in FAILING or not {FaultKind.CRASH, FaultKind.FREEZE} <= kinds:
@@ -129,11 +134,11 @@ def run_killing(
 
 
 def run_forever(
-    settings: CampaignSettings, seed: int, *, faults: Sequence[Fault] | None = None
+    folder: Path, settings: CampaignSettings, seed: int, *, faults: Sequence[Fault] | None = None
 ) -> SeedResult:
-    """The first seeds are quick, the others never end."""
+    """The first seeds are quick, the others leave the number of their process and never end."""
     if seed >= 4:
-        threading.Event().wait()
+        pid_then_forever(folder, seed)
     return result_of(seed)
 
 
