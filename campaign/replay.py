@@ -181,7 +181,7 @@ def write_replay(folder: Path, again: Replay, fewest: Minimal[Fault] | None = No
 def _lines(again: Replay, fewest: Minimal[Fault] | None) -> Iterator[str]:
     result = again.result
     yield f"seed {result.seed}, {result.simulated_s:g} s: {again.comparison}"
-    yield from ("", "broken properties")
+    yield from ("", "broken properties" if result.violations else "no broken properties")
     for violation in result.violations:
         yield f"  at {violation.at_s:.3f} s: {violation.property}: {violation.text}"
     yield from ("", "faults, and what followed")

@@ -121,6 +121,10 @@ def campaign(
         raise UserMistake("--replay repeats a seed of what is there: --restart would remove it")
     try:
         return run_campaign(options, restart) if replay is None else run_replay(options, replay)
+    except KeyboardInterrupt:
+        if replay is None and out.is_dir():
+            click.echo(f"dbw: what is finished is in {out}: the same command goes on", err=True)
+        raise
     except ModuleNotFoundError as error:
         if error.name not in EXTRA:
             raise

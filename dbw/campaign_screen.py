@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import timedelta
 from types import TracebackType
 from typing import Self
 
@@ -16,10 +15,12 @@ from campaign.result import SeedResult
 from runtime.clock import monotonic_ns
 
 S_PER_H = 3600.0
+LINE_NS = 600_000_000_000
+"""How often a log file gets a line."""
 
 
 class CampaignScreen:
-    """Progress of a campaign; draws on terminals alone, so that a log file stays readable.
+    """Progress of a campaign: a bar on terminals, a line every ten minutes in a log file.
 
     Args:
         console: Where to.
@@ -28,10 +29,11 @@ class CampaignScreen:
     """
 
     def __init__(self, console: Console, goal_s: float, tally: Tally) -> None:
+        self._console = console
         self._goal_s = goal_s
         self._tally = tally
         self._done_s = tally.simulated_s
-        self._start_ns = 0
+        self._start_ns = self._line_ns = 0
         self._task: TaskID | None = None
         self._progress = Progress(
             BarColumn(bar_width=14),
@@ -44,7 +46,7 @@ class CampaignScreen:
 
     def __enter__(self) -> Self:
         """Shows what is done already."""
-        self._start_ns = monotonic_ns()
+        self._start_ns = self._line_ns = monotonic_ns()
         self._progress.start()
         self._task = self._progress.add_task("", total=self._goal_s, line="starting up")
         self._draw("starting up")
@@ -62,9 +64,14 @@ class CampaignScreen:
     def show(self, result: SeedResult) -> None:
         """Counts a seed and draws."""
         self._tally.add(result)
-        wall_s = max((monotonic_ns() - self._start_ns) * 1e-9, 1e-9)
+        now_ns = monotonic_ns()
+        wall_s = max((now_ns - self._start_ns) * 1e-9, 1e-9)
         factor = (self._tally.simulated_s - self._done_s) / wall_s
-        self._draw(progress_line(self._tally, self._goal_s, factor))
+        line = progress_line(self._tally, self._goal_s, factor)
+        self._draw(line)
+        if not self._console.is_terminal and now_ns - self._line_ns >= LINE_NS:
+            self._line_ns = now_ns
+            self._console.print(line, soft_wrap=True)
 
     def _draw(self, line: str) -> None:
         if self._task is not None:
@@ -75,12 +82,17 @@ class CampaignScreen:
 def progress_line(tally: Tally, goal_s: float, real_time_factor: float) -> str:
     """One line for a person: hours done, time against the wall clock, time left, failures."""
     left_s = max(0.0, goal_s - tally.simulated_s)
-    is_known = real_time_factor > 0.0
-    left = timedelta(seconds=round(left_s / real_time_factor)) if is_known else "?"
+    left = clock_text(left_s / real_time_factor) if real_time_factor > 0.0 else "?"
     return (
         f"{tally.simulated_s / S_PER_H:.2f}/{goal_s / S_PER_H:.2f} h  {real_time_factor:.0f} x  "
         f"{left} left  violations {tally.violations}  missed {tally.missed}"
     )
+
+
+def clock_text(span_s: float) -> str:
+    """As a clock shows it: 1:05:09."""
+    minutes, seconds = divmod(round(span_s), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
 def print_summary(console: Console, tally: Tally, wall_s: float, trace_sha256: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -46,6 +46,8 @@ LABEL_SHARE_MIN = 0.08
 
 FAULT_IN = 0.24
 """Height of a fault's row in `signals.png`."""
+SHORTEST_SHARE = 0.003
+"""A fault shorter than this share of the axis is drawn as long."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 11,
@@ -212,16 +214,16 @@ def plot_signals(
         axes[2].set_ylim(-5.0, 105.0)
         _draw_modes(axes[3], signals)
         _draw_codes(axes[4], signals)
-        if staged is not None:
-            _draw_true_speed(axes[1], staged)
-            _draw_faults(axes[5], staged.faults)
         for axis in axes[:-1]:
             axis.tick_params(labelbottom=False)
         axes[0].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0))
         axes[0].set_xlim(0.0, max(1.0, signals.end_s))
+        if staged is not None:
+            _draw_true_speed(axes[1], staged)
+            _draw_faults(axes[5], staged.faults)
         axes[-1].set_xlabel("time since power-on, s")
         axes[0].set_title(title, loc="left")
-        figure.align_ylabels(axes)
+        figure.align_ylabels(axes[:5])  # the names of faults are long
         _save(figure, file)
 
 
@@ -277,19 +279,21 @@ def _draw_codes(axes: Any, signals: Signals) -> None:
 
 
 def _draw_true_speed(axes: Any, staged: Staged) -> None:
-    axes.plot(staged.time_s, staged.true_speed_mps, color=INK, linewidth=0.8, label="true")
-    axes.legend(loc="upper right", ncols=3, fontsize=9)
+    (line,) = axes.plot(staged.time_s, staged.true_speed_mps, color=INK, linewidth=0.8)
+    axes.legend([line], ["true"], loc="lower right", bbox_to_anchor=(1.0, 0.95), fontsize=9)
 
 
 def _draw_faults(axes: Any, faults: tuple[NamedSpan, ...]) -> None:
     names = list(dict.fromkeys(span.name for span in faults))
+    shortest_s = SHORTEST_SHARE * axes.get_xlim()[1]
     for span in faults:
-        _draw_band(axes, span, names.index(span.name) - 0.4, 0.8, ORANGE)
+        seen = replace(span, end_s=max(span.end_s, span.start_s + shortest_s))
+        _draw_band(axes, seen, names.index(span.name) - 0.4, 0.8, ORANGE)
     axes.set_ylim(max(len(names), 1) - 0.5, -0.5)
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.grid(axis="y", color="#eeeeee")
     axes.set_axisbelow(True)
-    axes.set_ylabel("faults", rotation=0, ha="right", va="center")
+    axes.set_title("faults", loc="left", fontsize=11)
 
 
 def _save(figure: Figure, file: FilePath) -> None:

@@ -18,6 +18,7 @@ from campaign.failure import Tally
 from campaign.parts import read_hashes
 from campaign.settings import CampaignSettings
 from campaign.store import campaign_sha256
+from dbw import campaign_screen
 from dbw.campaign_screen import CampaignScreen, progress_line
 from dbw.main import main
 from tests.campaign import fakes
@@ -118,7 +119,8 @@ def test_a_terminated_campaign_keeps_what_is_finished_and_goes_on(
         running.send_signal(signal.SIGTERM)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert said.strip() == "dbw: interrupted"
+    assert said.splitlines()[0] == f"dbw: what is finished is in {out}: the same command goes on"
+    assert said.splitlines()[-1] == "dbw: interrupted"
     assert not any(is_running(int(path.name)) for path in pids.iterdir())
     finished = [seed for seed, _ in read_hashes(out)]
     assert {0, 1} <= set(finished) <= {0, 1, 2, 3}
@@ -197,7 +199,9 @@ def test_another_campaign_in_the_folder_is_refused(
     assert f"{out}: the campaign there begins with seed 0; --restart begins anew" in line
 
 
-def test_progress_tells_hours_speed_time_left_and_failures() -> None:
+def test_progress_tells_hours_speed_time_left_and_failures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tally = Tally(seeds=60, simulated_s=7200.0, violations=2, missed=1)
     line = progress_line(tally, 36_000.0, 32.0)
     assert line == "2.00/10.00 h  32 x  0:15:00 left  violations 2  missed 1"
@@ -207,3 +211,8 @@ def test_progress_tells_hours_speed_time_left_and_failures() -> None:
     with CampaignScreen(console, 36_000.0, tally) as screen:
         screen.show(fakes.result_of(7))
     assert "2.03/10.00 h" in file.getvalue()
+    log = io.StringIO()
+    monkeypatch.setattr(campaign_screen, "LINE_NS", 0)
+    with CampaignScreen(Console(file=log), 36_000.0, tally) as screen:
+        screen.show(fakes.result_of(7))
+    assert log.getvalue().startswith("2.07/10.00 h  ") and log.getvalue().count("\n") == 1

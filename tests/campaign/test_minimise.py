@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from campaign.failure import Tally, failures_of, first_failure
 from campaign.minimise import RUNS_MAX, ddmin, minimise
-from campaign.result import SeedResult
+from campaign.result import SeedResult, ViolationResult
+from campaign.run import run_seed
 from campaign.settings import CampaignSettings
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
@@ -129,3 +130,21 @@ def test_missed_faults_are_failures_and_are_told_with_numbers() -> None:
     tally = Tally.of([result, missed])
     assert (tally.seeds, tally.missed, tally.failing_seeds) == (2, 1, 1)
     assert list(tally.failing) == [11]
+
+
+def test_the_fault_that_stops_a_real_car_is_found() -> None:
+    settings = CampaignSettings(seed_s=4.0)
+    crash = Fault(kind=FaultKind.CRASH, target="Steering", at_s=2.5)
+    harmless = [
+        Fault(kind=FaultKind.SLOPE, at_s=at_s, for_s=0.5, value=0.02) for at_s in (1.0, 2.0, 2.5)
+    ]
+
+    def stops(
+        settings: CampaignSettings, seed: int, *, faults: Sequence[Fault] | None = None
+    ) -> SeedResult:
+        result = run_seed(settings, seed, faults=faults)
+        broken = ViolationResult(property="goes on", at_s=2.6, text=f"{result.stops} stops")
+        return replace(result, violations=(broken,) if result.stops else ())
+
+    _, least = minimise(stops, lambda *_: [*harmless, crash], settings, 17)
+    assert least.items == (crash,) and least.is_minimal
