@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from campaign.plots import bars_path, lateness_picture
+from campaign.settings import S_PER_H
 from campaign.statistics import Estimate, mean_time_between_failures
 from campaign.summary import SHARE_STEPS, CampaignTally, Latencies
 from simulation.fault_kinds import KINDS, FaultKind
 
 if TYPE_CHECKING:
-    from campaign.report import CampaignReport, RoadBaseline
+    from campaign.report import CampaignReport, FaultReport, RoadBaseline
 
 BAR_HEIGHT = 20.0
-NONE = "–"  # noqa: RUF001 (what is not known)
+NONE = "-"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +43,8 @@ def page_of(report: CampaignReport, tally: CampaignTally, road: RoadBaseline) ->
     )
     environment.filters |= {
         "count": count,
+        "interval": interval,
+        "seconds": seconds,
         "number": number,
         "ms": milliseconds,
         "percent": percent,
@@ -56,7 +59,7 @@ def page_of(report: CampaignReport, tally: CampaignTally, road: RoadBaseline) ->
         picture=_picture(fault.latencies for fault in tally.faults.values()),
         drawings={kind: _drawing(fault.latencies) for kind, fault in tally.faults.items()},
         nan=math.nan,
-        does={str(kind): KINDS[kind].does.replace(" {value}", "") for kind in FaultKind},
+        does={str(kind): KINDS[kind].does.replace("{value}", "…") for kind in FaultKind},
         bar_height=BAR_HEIGHT,
         share_steps=SHARE_STEPS,
     )
@@ -92,17 +95,16 @@ def count(value: int) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """So many significant digits, no power of ten between a thousandth and a million."""
+    """So many significant digits, with a power of ten only for the tiny and the huge."""
     if math.isnan(value):
         return NONE
     if math.isinf(value):
         return "∞"
-    if value and not 1e-3 <= abs(value) < 1e7:
-        return f"{value:.{digits - 1}e}"
-    whole = len(str(int(abs(value)))) if abs(value) >= 1.0 else 0
-    if not whole and value:
-        whole = math.floor(math.log10(abs(value))) + 1
-    return f"{value:,.{max(digits - whole, 0)}f}" if value else "0"
+    if not value:
+        return "0"
+    text = f"{value:.{digits - 1}e}"
+    exponent = int(text.partition("e")[2])
+    return f"{value:,.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent <= 7 else text
 
 
 def milliseconds(value: float) -> str:
@@ -110,6 +112,19 @@ def milliseconds(value: float) -> str:
     if math.isinf(value):
         return "never"
     return NONE if math.isnan(value) else f"{value:,.1f}"
+
+
+def interval(fault: FaultReport) -> str:
+    """From the shortest to the longest."""
+    if math.isnan(fault.budget_ms):
+        return NONE
+    shortest = f"{fault.budget_ms_min:g} to " if fault.budget_ms_min < fault.budget_ms else ""
+    return f"{shortest}{fault.budget_ms:g}"
+
+
+def seconds(hours: float) -> str:
+    """Hours that are too few to picture, in seconds; else nothing."""
+    return f"({number(hours * S_PER_H)} s)" if 0.0 < hours < 0.1 else ""
 
 
 def percent(value: float, digits: int = 3) -> str:

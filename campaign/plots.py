@@ -12,13 +12,14 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 
 from telemetry.plots import BLUE, MUTED, STYLE, VERMILLION
 
 BAR_GAP = 0.15
 """Between bars, in widths of one."""
 HEIGHT_SHARE_MIN = 0.12
+SHARE_MAX = 1.04
+"""Right end of the curve: what is left there came too late, or never."""
 CURVE_IN = (9.6, 2.7)
 
 
@@ -47,8 +48,8 @@ def lateness_picture(within: Sequence[int], late: int, never: int) -> str:
     """
     total = sum(within) + late + never
     assert total, "nothing to draw"
-    edges = np.linspace(0.0, 1.0, len(within) + 1)
-    later = (total - np.concatenate([[0], np.cumsum(within)])) / total
+    edges = [*np.linspace(0.0, 1.0, len(within) + 1), SHARE_MAX]
+    later = (total - np.array([0, *np.cumsum(within), sum(within)])) / total
     with rc_context({**STYLE, "svg.hashsalt": "campaign", "font.size": 10}):
         figure = Figure(figsize=CURVE_IN, layout="constrained")
         axes: Any = figure.add_subplot()
@@ -56,8 +57,9 @@ def lateness_picture(within: Sequence[int], late: int, never: int) -> str:
         axes.axvline(1.0, color=VERMILLION, linewidth=1.5)
         axes.set_yscale("log")
         axes.set_ylim(0.5 / total, 1.3)
-        axes.set_xlim(0.0, 1.04)
-        axes.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+        axes.set_xlim(0.0, SHARE_MAX)
+        axes.yaxis.set_major_formatter(lambda share, _: f"{100.0 * share:g} %")
+        axes.xaxis.set_major_formatter(lambda share, _: f"{100.0 * share:g} %")
         axes.set_xlabel("share of the fault's own interval")
         axes.set_ylabel("share of answers\nstill to come")
         axes.grid(color="#eeeeee")
@@ -70,5 +72,6 @@ def lateness_picture(within: Sequence[int], late: int, never: int) -> str:
             textcoords="offset points", color=MUTED,
         )  # fmt: skip
         file = io.BytesIO()
-        FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(file, metadata={"Date": None, "Creator": None})
     return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode()}"

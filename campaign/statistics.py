@@ -71,7 +71,8 @@ def proportion(events: int, trials: int) -> Estimate:
         return Estimate(value=math.nan, low=0.0, high=1.0)
     tail = (1.0 - CONFIDENCE) / 2.0
     low = float(beta.ppf(tail, events, trials - events + 1)) if events else 0.0
-    return Estimate(value=events / trials, low=low, high=_clopper_pearson_high(events, trials, tail))
+    high = _clopper_pearson_high(events, trials, tail)
+    return Estimate(value=events / trials, low=low, high=high)
 
 
 def proportion_high(events: int, trials: int) -> float:
@@ -132,4 +133,3 @@ def availability(failures: int, hours: float, repairs_h: Moments) -> Estimate:
 
 def _reciprocal(value: float) -> float:
     return 1.0 / value if value else math.inf
-

@@ -51,7 +51,7 @@ class Latencies:
         return sum(self._counts.values())
 
     def percentile_ms(self, percent: float) -> float:
-        """The latency that so many per cent keep to, rounded up to a step.
+        """The latency that so many per cent keep to, rounded up to a step or to the longest.
 
         One that came (nearest rank); infinite if too few came at all, NaN if none was due.
         """
@@ -62,7 +62,7 @@ class Latencies:
         for step in sorted(self._counts):
             rank -= self._counts[step]
             if rank <= 0:
-                return round(step * STEP_MS, 1)
+                return min(round(step * STEP_MS, 1), self.max_ms)
         return math.inf
 
     def distribution(self) -> tuple[list[int], int]:
@@ -238,7 +238,7 @@ class CampaignTally:
 def reasons_of(result: SeedResult) -> list[str]:
     """Why a seed counts as failing, in words; empty if it does not."""
     reasons = [
-        f"broken at {violation.at_s:.3f} s: {violation.property}: {violation.text}"
+        f"broken at {violation.at_s:.3f} s: {violation.property}: {_last_line(violation.text)}"
         for violation in result.violations
     ]
     reasons += [_miss(injection) for injection in result.injections if injection.is_missed]
@@ -248,14 +248,20 @@ def reasons_of(result: SeedResult) -> list[str]:
     return reasons
 
 
+def _last_line(text: str) -> str:
+    """All of most texts; of a traceback, what was raised."""
+    return (text.strip().splitlines() or [""])[-1]
+
+
 def _miss(injection: InjectionResult) -> str:
     of = f" of {injection.target}" if injection.target else ""
     what = f"missed: {injection.kind}{of} at {injection.at_s:.3f} s"
-    came = "" if injection.latency_ms is None else f" after {injection.latency_ms:.1f} ms"
+    after = "" if injection.latency_ms is None else f" after {injection.latency_ms:.1f} ms"
     if injection.demand is Demand.GO_ON:
-        return f"{what} stopped the car{came}; it must go on"
+        return f"{what}: the car must go on, and braked{after}"
     within = "" if injection.budget_ms is None else f" within {injection.budget_ms:g} ms"
-    return f"{what}: {injection.demand} wanted{within}, came{came or ' never'}"
+    came = f"came{after}" if after else "never came"
+    return f"{what}: {injection.demand} wanted{within}, {came}"
 
 
 def summarise(results: Iterable[SeedResult]) -> CampaignTally:
