@@ -121,6 +121,21 @@ def test_a_kind_has_its_latencies_beside_its_interval(tmp_path: Path) -> None:
     assert len(report["kinds_not_injected"]) == len(FaultKind) - 2
 
 
+def test_each_percentile_and_both_intervals_of_a_kind_are_told_apart(tmp_path: Path) -> None:
+    """2,000 answers after 0.05, 0.1 ... 100 ms, half of them with another interval."""
+    injections = tuple(
+        replace(crash(half_tenth / 20.0), budget_ms=120.0 + 180.0 * (half_tenth % 2))
+        for half_tenth in range(1, 2001)
+    )
+    report, page = written(tmp_path, [replace(GOOD, injections=injections)])
+    (fault,) = report["faults"]
+    keys = ("latency_ms_p50", "latency_ms_p99", "latency_ms_p999", "latency_ms_max")
+    assert [fault[key] for key in keys] == [50.0, 99.0, 99.9, 100.0]
+    assert (fault["budget_ms_min"], fault["budget_ms"]) == (120.0, 300.0)
+    assert fault["budget_share_max"] == pytest.approx(100.0 / 120.0)
+    assert "50.0 99.0 99.9 100.0 120 to 300" in text_of(page)
+
+
 def test_the_promised_keys_are_there_and_every_key_is_documented(tmp_path: Path) -> None:
     report, _ = written(tmp_path, three_seeds())
     table = DOC.read_text(encoding="utf-8").split("<!-- report keys -->")[1]
@@ -172,11 +187,9 @@ def test_a_failing_seed_is_one_line_that_repeats_it_with_its_reasons(tmp_path: P
     assert "No fault was missed" not in seen
 
 
-def test_a_seed_of_another_car_with_a_file_of_faults_is_repeated_with_them() -> None:
-    settings = CampaignSettings(vehicle="baja_5b", faults_text="x", faults_name="my storm.toml")
-    assert replay_command(settings, 5) == (
-        "dbw campaign --replay 5 --vehicle baja_5b --faults 'my storm.toml'"
-    )
+def test_a_seed_with_a_file_of_faults_is_repeated_with_that_file() -> None:
+    settings = CampaignSettings(faults_text="x", faults_name="my storm.toml")
+    assert replay_command(settings, 5) == "dbw campaign --replay 5 --faults 'my storm.toml'"
 
 
 def test_of_many_failing_seeds_all_are_told_and_some_in_words(tmp_path: Path) -> None:
