@@ -34,10 +34,11 @@ FaultsOf = Callable[[CampaignSettings, int], list[Fault]]
 
 
 def failures_of(result: SeedResult) -> tuple[str, ...]:
-    """What went wrong in a seed, once each: properties that broke, faults that were missed."""
+    """What went wrong in a seed, once each: broken properties, missed faults, false trips."""
     broken = [violation.property for violation in result.violations]
     missed = [f"{named(item)} missed" for item in result.injections if item.is_missed]
-    return tuple(dict.fromkeys(broken + missed))
+    tripped = ["false trip"] if result.false_trips else []
+    return tuple(dict.fromkeys(broken + missed + tripped))
 
 
 def named(item: InjectionResult) -> str:
@@ -62,7 +63,7 @@ def first_failure(result: SeedResult) -> str:
     for item in result.injections:
         if item.is_missed:
             return f"at {item.at_s:.3f} s: {named(item)}: {what_followed(item)}"
-    return ""
+    return f"{result.false_trips} false trips" if result.false_trips else ""
 
 
 @dataclass(slots=True)

@@ -54,7 +54,7 @@ class CampaignOptions:
 Examples:
   dbw campaign --hours 10
   dbw campaign --hours 1000 --seed 7 --workers dask://10.0.0.2:8786 --out out/night
-  dbw campaign --faults examples/faults.toml
+  dbw campaign --faults my-faults.toml --out out/mine
   dbw campaign --replay 17"""
 )
 @click.option(

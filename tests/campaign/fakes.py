@@ -24,6 +24,7 @@ SETTINGS = CampaignSettings()
 KILLER = 11
 RAISER = 7
 FAILING = (3, 8)
+DEMANDS = (Demand.BRAKE, Demand.HANDOVER, Demand.STOP, Demand.ANY)
 
 
 def result_of(seed: int) -> SeedResult:
@@ -36,7 +37,7 @@ def result_of(seed: int) -> SeedResult:
             for_s=inf if number else 0.5,
             value=0.0,
             share=1.0,
-            demand=list(Demand)[seed % len(Demand)],
+            demand=DEMANDS[seed % len(DEMANDS)],
             budget_ms=200.0 if number else None,
             is_clean=True,
             is_due=True,

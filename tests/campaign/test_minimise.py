@@ -126,10 +126,12 @@ def test_missed_faults_are_failures_and_are_told_with_numbers() -> None:
     missed = replace(result, injections=(replace(late, is_missed=True), other))
     assert failures_of(result) == () and first_failure(result) == ""
     assert failures_of(missed) == ("crash of Steering missed",)
-    assert first_failure(missed) == "at 0.000 s: crash of Steering: handover: nothing, MISSED"
-    tally = Tally.of([result, missed])
-    assert (tally.seeds, tally.missed, tally.failing_seeds) == (2, 1, 1)
-    assert list(tally.failing) == [11]
+    assert first_failure(missed) == "at 0.000 s: crash of Steering: any: nothing, MISSED"
+    tripped = replace(result, seed=12, false_trips=1)
+    assert failures_of(tripped) == ("false trip",) and first_failure(tripped) == "1 false trips"
+    tally = Tally.of([result, missed, tripped])
+    assert (tally.seeds, tally.missed, tally.failing_seeds) == (3, 1, 2)
+    assert list(tally.failing) == [11, 12]
 
 
 def test_the_fault_that_stops_a_real_car_is_found() -> None:
