@@ -126,7 +126,7 @@ def test_missed_faults_are_failures_and_are_told_with_numbers() -> None:
     missed = replace(result, injections=(replace(late, is_missed=True), other))
     assert failures_of(result) == () and first_failure(result) == ""
     assert failures_of(missed) == ("crash of Steering missed",)
-    assert first_failure(missed) == "at 0.000 s: crash of Steering: any: nothing, MISSED"
+    assert first_failure(missed) == "at 0.000 s: crash of Steering: go on: nothing, MISSED"
     tripped = replace(result, seed=12, false_trips=1)
     assert failures_of(tripped) == ("false trip",) and first_failure(tripped) == "1 false trips"
     tally = Tally.of([result, missed, tripped])
