@@ -216,7 +216,7 @@ class _Flight(Generic[AnswerT]):
             if error is None:
                 yield future.result()
             elif not isinstance(error, self._pool.death):
-                raise WorkersError(f"the workers failed: {error!r}") from error
+                raise _failure(error)
             else:
                 self._has_died = True
                 self._deaths[seed] += 1
@@ -224,3 +224,12 @@ class _Flight(Generic[AnswerT]):
                     self._suspects.append(seed)
                 else:
                     yield self._give_up(seed)
+
+
+def _failure(error: BaseException) -> WorkersError:
+    """What is no death and no seed's fault."""
+    if isinstance(error, CancelledError):
+        return WorkersError("the workers are gone: the same command goes on, with others")
+    if isinstance(error, WorkersError):
+        return error
+    return WorkersError(f"the workers cannot run a seed: {error!r}")

@@ -221,7 +221,7 @@ def record_failures(
         return seed, None
 
     stored = {seed: read_result(store.folder, seed) for seed in seeds}
-    safe = [
+    safe = [  # others would kill this process as well
         seed
         for seed, result in stored.items()
         if result is not None
@@ -229,7 +229,9 @@ def record_failures(
     ]
     task = partial(minimise, run_seed, faults_of, settings)
     for seed, fewest in each_seed(pool, task, safe, give_up):
-        if fewest is not None:  # or it would kill this process as well
+        if fewest is None:
+            console.print(f"seed {seed}: not recorded, the process that ran it died")
+        else:
             record(console, store.folder, settings, seed, fewest)
 
 

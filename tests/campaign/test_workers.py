@@ -7,8 +7,10 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from distributed import LocalCluster
@@ -25,8 +27,10 @@ ROOT = Path(__file__).parents[2]
 SEEDS = range(5, 30)
 PARENT = """
 import sys
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Any
 from campaign.workers import LocalPool, each_seed
 from tests.campaign.fakes import pid_then_forever
 if __name__ == "__main__":
@@ -148,8 +152,27 @@ def test_a_cluster_with_other_code_ends_the_campaign(
 ) -> None:
     hashes = iter(range(1000))
     monkeypatch.setattr(cluster, "code_sha256", lambda: str(next(hashes)))
-    with pytest.raises(WorkersError, match="other code than this machine"):
+    with pytest.raises(WorkersError, match=r"^a worker of the cluster has other code than this"):
         run(open_pool(f"dask://{dask_address}"), fakes.run_seed)
+
+
+class GoneCluster(cluster.DaskPool):
+    """As its client has it when the scheduler goes away: every task is taken back."""
+
+    count = 2
+
+    def submit(self, task: Callable[[int], object], seed: int) -> Future[Any]:
+        """A future that is cancelled."""
+        future: Future[Any] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+def test_a_cluster_that_goes_away_is_told_and_no_seed_is_blamed() -> None:
+    answers = each_seed(GoneCluster("127.0.0.1:9"), abs, SEEDS, abs)
+    with pytest.raises(WorkersError, match="the workers are gone: the same command goes on"):
+        list(answers)
 
 
 def test_a_cluster_that_does_not_answer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
