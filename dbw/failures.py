@@ -42,6 +42,9 @@ def is_user_mistake(error: Exception) -> bool:
         ("runtime.errors", "LaunchError"),
         ("runtime.vm.host", "VmError"),
         ("telemetry.folder", "FolderError"),
+        ("simulation.faults", "FaultError"),
+        ("campaign.store", "StoreError"),
+        ("campaign.workers", "WorkersError"),
     )
     kinds = tuple(
         getattr(sys.modules[module], name) for module, name in names if module in sys.modules

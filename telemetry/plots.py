@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from dbc.messages import Mode
-from telemetry.signals import CODES, Signals, Span, Trace
+from telemetry.signals import CODES, NamedSpan, Signals, Span, Staged, Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +43,11 @@ MODE_COLOURS = {
 }
 LABEL_SHARE_MIN = 0.08
 """A span narrower than this share of the axis gets no text of its own: the legend names it."""
+
+FAULT_IN = 0.24
+"""Height of a fault's row in `signals.png`."""
+SHORTEST_SHARE = 0.003
+"""A fault shorter than this share of the axis is drawn as long."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 11,
@@ -183,19 +188,26 @@ def _draw_along(axes: Any, picture: PathPicture) -> None:
     axes.set_xlim(float(picture.progress_m.min()), float(picture.progress_m.max()))
 
 
-def plot_signals(file: FilePath, *, title: str, signals: Signals) -> None:
+def plot_signals(
+    file: FilePath, *, title: str, signals: Signals, staged: Staged | None = None
+) -> None:
     """Draws setpoint against measured for steering, speed and brake; modes and codes below.
 
     Args:
         file: The PNG to write.
         title: One line above it.
         signals: Decoded from the bus.
+        staged: The true speed, and faults as bars in rows of their own, at the bottom.
     """
+    rows_in = [2.7, 2.7, 1.8, 0.6, 1.2]
+    if staged is not None:
+        rows_in.append(FAULT_IN * max(2, len({span.name for span in staged.faults})))
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 9.0), layout="constrained")
-        grid = figure.add_gridspec(5, 1, height_ratios=[3.0, 3.0, 2.0, 0.6, 1.3])
+        figure = Figure(figsize=(WIDTH_IN, sum(rows_in)), layout="constrained")
+        grid = figure.add_gridspec(len(rows_in), 1, height_ratios=rows_in)
         first: Any = figure.add_subplot(grid[0])
-        axes: list[Any] = [first, *(figure.add_subplot(grid[n], sharex=first) for n in range(1, 5))]
+        others = [figure.add_subplot(grid[n], sharex=first) for n in range(1, len(rows_in))]
+        axes: list[Any] = [first, *others]
         _draw_trace(axes[0], signals.steering_rad, 180.0 / np.pi, "steering wheel,\ndeg (left +)")
         _draw_trace(axes[1], signals.speed_mps, 1.0, "speed, m/s")
         _draw_trace(axes[2], signals.brake_ratio, 100.0, "brake servo, %")
@@ -206,9 +218,12 @@ def plot_signals(file: FilePath, *, title: str, signals: Signals) -> None:
             axis.tick_params(labelbottom=False)
         axes[0].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0))
         axes[0].set_xlim(0.0, max(1.0, signals.end_s))
+        if staged is not None:
+            _draw_true_speed(axes[1], staged)
+            _draw_faults(axes[5], staged.faults)
         axes[-1].set_xlabel("time since power-on, s")
         axes[0].set_title(title, loc="left")
-        figure.align_ylabels(axes)
+        figure.align_ylabels(axes[:5])  # the names of faults are long
         _save(figure, file)
 
 
@@ -261,6 +276,24 @@ def _draw_codes(axes: Any, signals: Signals) -> None:
     axes.grid(axis="y", color="#eeeeee")
     axes.set_axisbelow(True)
     axes.set_ylabel("codes", rotation=0, ha="right", va="center")
+
+
+def _draw_true_speed(axes: Any, staged: Staged) -> None:
+    (line,) = axes.plot(staged.time_s, staged.true_speed_mps, color=INK, linewidth=0.8)
+    axes.legend([line], ["true"], loc="lower right", bbox_to_anchor=(1.0, 0.95), fontsize=9)
+
+
+def _draw_faults(axes: Any, faults: tuple[NamedSpan, ...]) -> None:
+    names = list(dict.fromkeys(span.name for span in faults))
+    shortest_s = SHORTEST_SHARE * axes.get_xlim()[1]
+    for span in faults:
+        seen = replace(span, end_s=max(span.end_s, span.start_s + shortest_s))
+        _draw_band(axes, seen, names.index(span.name) - 0.4, 0.8, ORANGE)
+    axes.set_ylim(max(len(names), 1) - 0.5, -0.5)
+    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.grid(axis="y", color="#eeeeee")
+    axes.set_axisbelow(True)
+    axes.set_title("faults", loc="left", fontsize=11)
 
 
 def _save(figure: Figure, file: FilePath) -> None:

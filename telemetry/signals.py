@@ -54,6 +54,24 @@ class CodeSpan(Span):
     code: ErrorCode
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedSpan(Span):
+    """Something else that lasted, in words."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Staged:
+    """What only a simulation can tell beside the bus. Arrays of shape (N,)."""
+
+    time_s: FloatArray
+    true_speed_mps: FloatArray
+    """At the rear-axle centre."""
+    faults: tuple[NamedSpan, ...]
+    """In the order in which they are drawn."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signals:
     """Everything `signals.png` shows. Times count from the log's own zero."""

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "canbus", "vehicles", "dbc", "ecus", "gateway", "safety_monitor", "oracle", "simulation",
-    "runtime", "planner", "telemetry", "dbw", "bench", "examples",
+    "runtime", "planner", "telemetry", "campaign", "dbw", "bench", "examples",
 )
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -29,6 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"canbus", "dbc", "ecus", "gateway", "oracle", "safety_monitor", "vehicles"},
     "runtime": {"canbus", "dbc", "ecus", "gateway", "safety_monitor", "simulation", "vehicles"},
     "telemetry": {"canbus", "dbc", "gateway", "planner", "simulation", "vehicles"},
+    "campaign": set(PACKAGES) - {"dbw", "bench", "examples"},
     "dbw": set(PACKAGES) - {"bench", "examples"},
     "bench": set(PACKAGES) - {"examples"},
     "examples": {"gateway", "planner", "runtime", "vehicles"},
