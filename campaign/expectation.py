@@ -60,8 +60,6 @@ ANYTHING = Expectation()
 GOES_ON = Expectation(demand=Demand.GO_ON)
 BRAKES_IF_SILENT = Expectation(demand=Demand.BRAKE, budget_ms=SILENT_MS)
 BRAKES_IF_SENSED = Expectation(demand=Demand.BRAKE, budget_ms=SENSED_MS)
-OUT_OF_ORDER = Expectation(excuses=frozenset({"modes in order"}))
-"""What is heard late is heard in another order than it was said."""
 HANDS_OVER = Expectation(demand=Demand.HANDOVER, budget_ms=TOUCH_MS)
 OFF_THE_PATH = Expectation(excuses=frozenset({PATH}))
 
@@ -80,6 +78,15 @@ def _of_message(fault: Fault) -> Expectation:
     """All frames of a message that the car needs are gone, or useless."""
     is_all = fault.share == 1.0 and fault.target in CYCLIC
     return BRAKES_IF_SILENT if is_all else ANYTHING
+
+
+def _delay(fault: Fault) -> Expectation:
+    """What is heard late is heard in another order than it was said and done."""
+    if fault.target == "SUPERVISOR_STATE":
+        return Expectation(excuses=frozenset({"modes in order"}))
+    if fault.target.endswith("_STATUS"):
+        return Expectation(excuses=frozenset({"only intact commands are applied"}))
+    return ANYTHING
 
 
 def _grab(fault: Fault) -> Expectation:
@@ -106,7 +113,7 @@ def _reading(fault: Fault) -> Expectation:
 _K = FaultKind
 RULES: dict[FaultKind, Rule] = {
     _K.DROP: _of_message,
-    _K.DELAY: _if(lambda fault: fault.target == "SUPERVISOR_STATE", OUT_OF_ORDER, ANYTHING),
+    _K.DELAY: _delay,
     _K.DUPLICATE: _always(ANYTHING),
     _K.CORRUPT_BEFORE_CRC: _always(ANYTHING),
     _K.CORRUPT_ON_WIRE: _always(ANYTHING),

@@ -110,7 +110,7 @@ class Ledger:
         self._entries: list[Entry] = []
         self._open: list[Entry] = []
         self._active = 0
-        self._quiet_ns = world.now_ns
+        self._quiet_ns = world.now_ns - MEMORY_NS - 1
         self._mode = Mode.INIT
         self._heard_ns = -SILENT_NS
         self._is_braking = False

@@ -43,8 +43,8 @@ HEAD = """# Fault matrix
 
 Written by `make matrix` (`python -m campaign.matrix`); a test compares it with what happens. Every
 kind of fault, alone, of the kind's own size and for {fault_s:g} s, in a car that drives itself on a
-winding road: {seeds} drives, each forked for every fault, all judged by the properties of `oracle/`,
-of which none broke.
+winding road: {seeds} drives, each forked for every fault, all judged by the properties of
+`oracle/`, of which none broke.
 
 A cell tells what the car did, the first code on the bus, and the worst time, in whole ms, from the
 fault to EMERGENCY_BRAKE on the bus or the servo's full setpoint (to MANUAL where the driver takes

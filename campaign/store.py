@@ -206,7 +206,7 @@ def campaign_sha256(hashes: Iterable[str]) -> str:
     """Of the `trace_sha256` of all seeds, in order of seed."""
     digest = hashlib.sha256()
     for sha256 in hashes:
-        digest.update(f"{sha256}\n".encode())
+        digest.update(sha256.encode())
     return digest.hexdigest()
 
 

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 REPLAY_SEED_MAX = 2**63 - 1
 RECORDED_MAX = 5
 """So many failing seeds are minimised and recorded."""
-EXTRA = frozenset({"pyarrow", "distributed", "jinja2"})
-"""Libraries that no other command needs."""
+EXTRA = frozenset({"pyarrow", "distributed", "jinja2", "scipy", "matplotlib"})
+"""Libraries of the extra `campaign`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

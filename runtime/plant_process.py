@@ -8,6 +8,7 @@ busy machine) must not look like an ECU that is dead: time that passes unseen is
 from __future__ import annotations
 
 import math
+import gc
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -301,6 +302,8 @@ def run_plant_process(
     service = ServiceNotify(os.environ)
     plant = PlantSide(car, start_ns)
     with StopRequest() as stop, bus:
+        gc.collect()
+        gc.freeze()  # as the nodes do: on one processor its pauses would be theirs
         result = run_plant(plant, bus, monotonic_ns, stop, report, alive=service.alive)
         service.stopping()
         return result

@@ -74,10 +74,14 @@ def measure_load(*, quick: bool = False) -> LoadResult:
         with Strangers(CHANNEL, _pause_ms(drive)):
             pause(CALIBRATION_S)
             begin, before = _now(drive), drive.ask()
+            after = before
             while (left_s := begin.time_s + span_s - time.time()) > 0:
                 pause(min(left_s, LEG_S))
-                sys.stderr.write(f"{left_s:.0f} s left: {drive.ask()}\n")
-            end, after = _now(drive), drive.ask()
+                after = drive.ask()
+                sys.stderr.write(f"{left_s:.0f} s left: {after}\n")
+                if after.mode is not Mode.AUTOMATIC:
+                    break  # what a standing car does on a full bus is no answer
+            end = _now(drive)
             pause(TELL_S)
         during = drive.said[len(begin.said) :]
         log = _bus_log(drive, begin, end)

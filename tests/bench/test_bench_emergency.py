@@ -10,9 +10,9 @@ import pytest
 from bench import emergency, false_trips
 from bench.causes import CAUSES, Budget, brake_budget_ns, bus_budget_ns
 from bench.emergency import CauseResult, EmergencyResult, Sample
-from campaign.fork import in_a_fork
 from bench.rig import TABBY, Rig
 from bench.spread import spread
+from campaign.fork import in_a_fork
 from canbus.node import NODE_IDS
 
 MS = 1_000_000
