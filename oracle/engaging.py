@@ -86,7 +86,8 @@ class EngagedInOrder(Property):
 
     def _on_mode(self, now_ns: int, before: Mode) -> None:
         if self._mode is Mode.READY:
-            self._is_ready = before is Mode.STOPPING or self._pushed.was(now_ns)
+            is_pushed = self._pushed.was(now_ns) or self.scene.was_unheard(now_ns)
+            self._is_ready = before is Mode.STOPPING or is_pushed
             return
         if self._mode is Mode.AUTOMATIC:
             missing = self._missing(now_ns)

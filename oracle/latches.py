@@ -62,9 +62,9 @@ class CodesLatched(Property):
 class EmergencyLatched(Property):
     """EMERGENCY is left only to MANUAL, by an explicit reset at standstill that raises the epoch.
 
-    docs/safety.md, engaging and resetting. The reset is the planner's request or the button. A
-    supervisor that restarts finds the emergency and adopts it; it is over if all actuator nodes
-    have restarted too.
+    docs/safety.md, engaging and resetting. The reset is the planner's request or the button; on a
+    bus that carried nothing it may have been long ago. A supervisor that restarts finds the
+    emergency and adopts it; it is over if all actuator nodes have restarted too.
     """
 
     name = "emergency latched until the reset"
@@ -108,7 +108,7 @@ class EmergencyLatched(Property):
             (scene.mode is not Mode.MANUAL, "not to MANUAL"),
             (scene.epoch != (self._epoch + 1) % EPOCHS, f"epoch {self._epoch} -> {scene.epoch}"),
             (abs(speed_mps) > self.settings.standing_mps, f"at {speed_mps:.2f} m/s"),
-            (not self._is_asked(now_ns), "nobody asked"),
+            (not (self._is_asked(now_ns) or scene.was_unheard(now_ns)), "nobody asked"),
         )
         return [text for holds, text in rules if holds]
 

@@ -6,7 +6,7 @@ from oracle.deadlines import Deadline
 from oracle.decode import Message
 from oracle.property import Complain, Once, Property
 from oracle.sample import Sample
-from oracle.scene import Scene
+from oracle.scene import GAP_NS, Scene
 from oracle.settings import Settings
 from oracle.words import DRIVING, NEVER_NS, NS_PER_MS, Mode
 
@@ -21,8 +21,6 @@ MAY_FOLLOW: dict[Mode, frozenset[Mode]] = {
 }
 """docs/architecture.md, driving modes; INIT follows on nothing but a restart."""
 
-GAP_NS = 25 * NS_PER_MS
-"""Two states of the supervisor further apart may hide a third."""
 BOOT_NS = 50 * NS_PER_MS
 
 AUTHORISED: dict[Mode, frozenset[str]] = {

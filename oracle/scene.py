@@ -18,6 +18,7 @@ from oracle.words import (
     HEARTBEATS,
     HUMAN,
     NEVER_NS,
+    NS_PER_MS,
     HeartbeatState,
     Mode,
     NmtCommand,
@@ -25,6 +26,10 @@ from oracle.words import (
 )
 
 MODES = dict(enumerate(Mode))
+GAP_NS = 25 * NS_PER_MS
+"""Two states of the supervisor further apart may hide a third."""
+UNHEARD_NS = 200 * NS_PER_MS
+"""After such a gap what is heard may tell of what happened within it."""
 
 OF_SCENE = ("FAILSAFE", "NMT", "SUPERVISOR_STATE", "MODE_REQUEST", *BRAKE_FRAMES, *HEARTBEATS)
 """Messages that the scene itself needs."""
@@ -91,6 +96,7 @@ class Scene:
         self.cause_ns = NEVER_NS
         self.cause = "nothing"
         self.fault_ns = NEVER_NS
+        self._unheard_ns = NEVER_NS
         self._reactions: dict[str, Callable[[int, Message], None]] = {
             "SUPERVISOR_STATE": self._on_state,
             "MODE_REQUEST": self._on_request,
@@ -118,6 +124,10 @@ class Scene:
         lately = [fault for end_ns, fault in self._ended if now_ns - end_ns <= self._memory_ns]
         every = (*self.faults.values(), *lately)
         return next((fault for fault in every if name in fault.excuses), None)
+
+    def was_unheard(self, now_ns: int) -> bool:
+        """Whether states of the supervisor are missing just before those that are heard now."""
+        return now_ns - self._unheard_ns <= UNHEARD_NS
 
     def note_cause(self, now_ns: int, cause: str) -> None:
         """A reason for an emergency brake."""
@@ -181,6 +191,9 @@ class Scene:
     def _on_state(self, now_ns: int, message: Message) -> None:
         values = message.values
         mode = MODES[int(values["mode"])]
+        before_ns = self.channels["SUPERVISOR_STATE"].before_ns
+        if NEVER_NS < before_ns < now_ns - GAP_NS:
+            self._unheard_ns = now_ns
         self.epoch = int(values["reset_epoch"])
         self.decision_limit_ns = int(values["decision_age_ms_max"] * 1e6)
         if mode is Mode.EMERGENCY:

@@ -7,8 +7,8 @@ busy machine) must not look like an ECU that is dead: time that passes unseen is
 
 from __future__ import annotations
 
-import math
 import gc
+import math
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
