@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from campaign.result import Demand
 from oracle.settings import HAZARD_NS, SENSED_NS, SILENT_NS
@@ -25,6 +25,15 @@ TOUCH_MS = 100.0
 """A touch gives the driver the car within this."""
 GRIP_SHARE = 0.35
 """Of what a driver can do: above every threshold for hands and feet, by a margin."""
+
+RECOVERY_S = 10.0
+"""A stop from full speed on the worst road (3 s), reset, button and engagement, and refusals for a
+second or two between."""
+LIED_RECOVERY_S = 50.0
+"""Who was told of a great speed does not believe in a standstill before the car could have lost it
+on the worst road: 92 m/s, the signal's end, at 2.5 m/s2 (`ecus/supervisor/standstill.py`)."""
+LIES = frozenset({FaultKind.SPOOF, FaultKind.CORRUPT_BEFORE_CRC, FaultKind.REPLAY})
+SPEEDS = frozenset({"THROTTLE_STATUS", "BRAKE_STATUS"})
 
 CYCLIC = frozenset({
     "SUPERVISOR_STATE", "STEER_STATUS", "THROTTLE_STATUS", "BRAKE_STATUS", "SAFETY_VERDICT",
@@ -49,11 +58,13 @@ class Expectation:
         demand: What must follow.
         budget_ms: Within this from its beginning; None: nothing must.
         excuses: Properties that this fault is beyond, by physics.
+        recovery_s: After its end the car drives itself again within this.
     """
 
     demand: Demand = Demand.ANY
     budget_ms: float | None = None
     excuses: frozenset[str] = frozenset()
+    recovery_s: float = RECOVERY_S
 
 
 ANYTHING = Expectation()
@@ -167,8 +178,11 @@ def expected(fault: Fault) -> Expectation:
     """What this fault asks for; one that is over before its time asks for nothing."""
     expectation = RULES[fault.kind](fault)
     budget_ms = expectation.budget_ms
-    is_long = budget_ms is None or _lasts_ms(fault) >= budget_ms
-    return expectation if is_long else Expectation(excuses=expectation.excuses)
+    if budget_ms is not None and _lasts_ms(fault) < budget_ms:
+        expectation = Expectation(excuses=expectation.excuses)
+    if fault.kind in LIES and fault.target in SPEEDS:
+        expectation = replace(expectation, recovery_s=LIED_RECOVERY_S)
+    return expectation
 
 
 def _lasts_ms(fault: Fault) -> float:

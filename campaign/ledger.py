@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from campaign.expectation import SILENT_MS, TOUCH_MS, Expectation, expected
@@ -23,9 +22,6 @@ LOOK_NS: Final = 50_000_000
 LOOK_PRIORITY: Final = 4
 SILENT_NS: Final = 100_000_000
 """A supervisor that was not heard for so long drives nothing."""
-RECOVERY_NS: Final = 10 * NS_PER_S
-"""After the last fault's end the car drives itself again within this: a stop from full speed on
-the worst road (3 s), reset, button and engagement, and refusals for a second or two between."""
 RECOVERS = "drives again after the faults"
 TOUCH_LATE_MS = 150.0
 """The driver's time while something else is broken (`oracle.settings`)."""
@@ -115,7 +111,7 @@ class Ledger:
         self._heard_ns = -SILENT_NS
         self._is_braking = False
         self._down_ns: int | None = None
-        self._is_recovery_due = False
+        self._recovery_s: float | None = None
         world.wire.witnesses.append(self._hear)
         world.kernel.at(world.now_ns, LOOK_PRIORITY, self._look)
 
@@ -145,7 +141,7 @@ class Ledger:
         )
         self._active += 1 if is_begin else -1
         self._quiet_ns = now_ns
-        self._is_recovery_due = True
+        self._recovery_s = max(ask.recovery_s, self._recovery_s or 0.0)
         if is_begin:
             for other in self._open:
                 other.is_clean &= other.brake_ns is not None  # what follows may be the new one's
@@ -214,23 +210,21 @@ class Ledger:
 
     def _look(self, now_ns: int) -> None:
         self._world.kernel.at(now_ns + LOOK_NS, LOOK_PRIORITY, self._look)
-        quiet_ns = math.inf if self._active else now_ns - self._quiet_ns
-        is_quiet = not self._active and quiet_ns > MEMORY_NS
+        quiet_ns = 0 if self._active else now_ns - self._quiet_ns
+        is_quiet = quiet_ns > MEMORY_NS
         if is_quiet and self._open:
             self._open = []
         if self._is_driving:
             self.engaged_s += LOOK_NS / NS_PER_S
             self.calm_s += LOOK_NS / NS_PER_S * is_quiet
             if not self._active:
-                self._is_recovery_due = False
-        elif self._is_recovery_due and not self._active and quiet_ns > RECOVERY_NS:
-            self._is_recovery_due = False
+                self._recovery_s = None
+        elif self._recovery_s is not None and quiet_ns > self._recovery_s * NS_PER_S:
             supervisor = self._world.stations["Supervisor"].node
+            text = f"{supervisor.mode.name} {self._recovery_s:g} s after the faults"
+            self._recovery_s = None
             self.violations.append(
-                ViolationResult(
-                    property=RECOVERS, at_s=now_ns / NS_PER_S,
-                    text=f"{supervisor.mode.name} {RECOVERY_NS / NS_PER_S:g} s after the faults",
-                )
+                ViolationResult(property=RECOVERS, at_s=now_ns / NS_PER_S, text=text)
             )
 
 
