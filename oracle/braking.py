@@ -155,6 +155,7 @@ class NoFalseEmergency(Property):
             if not scene.has_cause(now_ns):
                 text = f"{message.name} of {message.sender} in {scene.mode.name}"
                 if not is_state:
-                    told = {k: v for k, v in message.values.items() if k in ("code", "reason")}
-                    text += f" {told}"
+                    values = message.values
+                    told = [f"{n} {values[n]:g}" for n in ("code", "reason") if n in values]
+                    text += f": {', '.join(told)}"
                 self.violated(now_ns, text)

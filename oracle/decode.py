@@ -75,7 +75,7 @@ class Field:
         if raw == self.missing:
             return nan
         if self.scale == 1 and self.offset == 0:
-            return raw
+            return float(raw)
         return raw * self.scale + self.offset
 
 
@@ -210,7 +210,7 @@ class Channel:
         bits = int.from_bytes(data, "little")
         values = {field.name: field.read(bits) for field in self._fields}
         if "er0" in values:
-            values["codes"] = sum(int(values[f"er{n}"]) << n for n in range(7))
+            values["codes"] = float(sum(int(values[f"er{n}"]) << n for n in range(7)))
         if len(self._values) >= CACHE_SIZE:
             self._values.clear()
         self._values[payload] = values
