@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from math import nan
-from typing import Any, NamedTuple
+from typing import Any, Final
 
 from e2e.p01 import e2e_p01_check
 
@@ -31,7 +31,8 @@ NO_VALUES: Mapping[str, float] = {}
 Values = Mapping[str, float]
 
 
-class Message(NamedTuple):
+@dataclass(slots=True, init=False)
+class Message:
     """A frame with one of our identifiers.
 
     Attributes:
@@ -43,11 +44,20 @@ class Message(NamedTuple):
             Empty for a frame that is not intact.
     """
 
-    name: str
-    sender: str
-    is_genuine: bool
-    fault: str
-    values: Values
+    name: Final[str]
+    sender: Final[str]
+    is_genuine: Final[bool]
+    fault: Final[str]
+    values: Final[Values]
+
+    def __init__(
+        self, name: str, sender: str, is_genuine: bool, fault: str, values: Values
+    ) -> None:
+        self.name = name
+        self.sender = sender
+        self.is_genuine = is_genuine
+        self.fault = fault
+        self.values = values
 
     @property
     def is_usable(self) -> bool:
@@ -150,7 +160,7 @@ class Channel:
         counter, message = known
         if not self._is_in_sequence(counter, True):
             self.is_news, self._last = True, None
-            return message._replace(fault="counter")
+            return Message(self.name, sender, True, "counter", message.values)
         values = message.values
         self.is_news = values is not self._last
         self._last = values

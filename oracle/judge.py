@@ -164,7 +164,7 @@ class Oracle:
             if isinstance(entry, Sample):
                 self._judge_sample(entry)
             else:
-                self._judge_frame(*entry)
+                self._judge_frame(entry[0], entry[1], entry[2])
 
     def on_fault(
         self,

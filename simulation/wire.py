@@ -89,6 +89,8 @@ class Wire:
 
     def __init__(self, kernel: Kernel, bitrate_bps: int) -> None:
         self._kernel = kernel
+        self._on_begin: Action = self._begin  # found once, not at every frame
+        self._on_end: Action = self._end
         self._bitrate_bps = bitrate_bps
         bits_max = frame_bits_max(DATA_BYTES_MAX, extended=True)
         self._span_ns_of_bits = [bits_time_ns(n, bitrate_bps) for n in range(bits_max + 1)]
@@ -147,7 +149,7 @@ class Wire:
         if true_ns >= self._free_ns:
             self._begin(true_ns)
         else:
-            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._on_begin)
 
     # A frame ---------------------------------------------------------------------------------
 
@@ -170,7 +172,7 @@ class Wire:
                 bits = self._error.bits + INTERFRAME_SPACE_BITS
                 self._occupy(true_ns, bits_time_ns(bits, self._bitrate_bps), self._end_in_error)
                 return
-        self._occupy(true_ns, self._span_ns_of_bits[frame_bits(frame)], self._end)
+        self._occupy(true_ns, self._span_ns_of_bits[frame_bits(frame)], self._on_end)
 
     def _occupy(self, true_ns: int, span_ns: int, end: Action) -> None:
         if self._recoveries:
@@ -246,7 +248,7 @@ class Wire:
             recovery.ends(self._free_ns)
         if self._pending:
             self._is_begun = True
-            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._on_begin)
 
     # Errors ----------------------------------------------------------------------------------
 
