@@ -154,11 +154,12 @@ def frame_bits(frame: Frame) -> int:
 
 def _count_bits(header: _Header, data: bytes) -> int:
     bits, state, crc, table = header.bits, header.state, header.crc, _STUFF_OF_BYTE
-    for value, crc_table in zip(data, header.crc_tables, strict=True):
+    crc_tables = header.crc_tables
+    for place, value in enumerate(data):
         entry = table[state | value]
         bits += entry & _STUFF_MASK
         state = entry & _STATE_MASK
-        crc ^= crc_table[value]
+        crc ^= crc_tables[place][value]
     entry = table[state | crc >> 7]
     tail = _STUFF_OF_TAIL[(entry & _STATE_MASK) >> 1 | crc & 0x7F]
     return bits + (entry & _STUFF_MASK) + tail

@@ -19,14 +19,14 @@ from canbus.frame import Frame, FrameKind
 from dbc.database import VEHICLE_DBC, load
 from oracle.words import NEVER_NS, NS_PER_MS
 
-COUNTER_MODULO = 15
-COUNTER_BYTE = 1
-PROTECTION = ("crc", "alive_counter")
-PAYLOAD_BEGIN = 4
-CACHE_SIZE = 256
-UNKNOWN = -1
-USABLE = ""
-NO_VALUES: Mapping[str, float] = {}
+COUNTER_MODULO: Final = 15
+COUNTER_BYTE: Final = 1
+PROTECTION: Final = ("crc", "alive_counter")
+PAYLOAD_BEGIN: Final = 4
+CACHE_SIZE: Final = 256
+UNKNOWN: Final = -1
+USABLE: Final = ""
+NO_VALUES: Final[Mapping[str, float]] = {}
 
 Values = Mapping[str, float]
 

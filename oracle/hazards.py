@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.decode import Message
 from oracle.hazard import Hazard
 from oracle.property import Complain, Property, ms
@@ -10,8 +12,8 @@ from oracle.scene import Fault, Scene
 from oracle.settings import Settings
 from oracle.words import BRAKE_FRAMES, DRIVING, HUMAN, NS_PER_S, Mode, Request
 
-STANDING_MPS = 0.05
-FULL_RATIO = 0.9
+STANDING_MPS: Final = 0.05
+FULL_RATIO: Final = 0.9
 
 
 class HazardAnswered(Property):

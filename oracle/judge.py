@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from canbus.frame import Frame
 from oracle.braking import (
     BrakeKept,
@@ -30,7 +32,7 @@ from oracle.scene import CYCLIC, OF_SCENE, Fault, Scene
 from oracle.settings import HAZARD_NS, Settings
 from vehicles import Vehicle
 
-PROPERTIES: tuple[type[Property], ...] = (
+PROPERTIES: Final[tuple[type[Property], ...]] = (
     HazardAnswered,
     HazardEndsBraked,
     NoDriveWhileBraking,
@@ -56,15 +58,15 @@ PROPERTIES: tuple[type[Property], ...] = (
 )
 """All of them, in the order in which they look."""
 
-WATCHED = frozenset((*OF_SCENE, *CYCLIC)).union(*(kind.watches for kind in PROPERTIES))
+WATCHED: Final = frozenset((*OF_SCENE, *CYCLIC)).union(*(kind.watches for kind in PROPERTIES))
 """Messages that are decoded at all."""
-BATCH = 200
+BATCH: Final = 200
 """Frames and looks that are judged together, about 0.2 s: judged one by one, between the steps of
 nodes and plant, they would cost twice the time (the processor's caches)."""
-KEPT_MAX = 5
+KEPT_MAX: Final = 5
 """Violations of one property that are kept in words; the rest are counted."""
-FREE_FOR_ALL = frozenset({"FAILSAFE"})
-NO_EXCUSE: frozenset[str] = frozenset()
+FREE_FOR_ALL: Final = frozenset({"FAILSAFE"})
+NO_EXCUSE: Final[frozenset[str]] = frozenset()
 
 
 class Oracle:

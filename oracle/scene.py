@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from oracle.decode import Message, channels
 from oracle.hazard import Hazard
@@ -24,11 +25,13 @@ from oracle.words import (
     Request,
 )
 
-MODES = dict(enumerate(Mode))
+MODES: Final = dict(enumerate(Mode))
 
-OF_SCENE = ("FAILSAFE", "NMT", "SUPERVISOR_STATE", "MODE_REQUEST", *BRAKE_FRAMES, *HEARTBEATS)
+OF_SCENE: Final = (
+    "FAILSAFE", "NMT", "SUPERVISOR_STATE", "MODE_REQUEST", *BRAKE_FRAMES, *HEARTBEATS
+)
 """Messages that the scene itself needs."""
-CYCLIC = tuple(channel.name for channel in channels().values() if channel.timeout_ns)
+CYCLIC: Final = tuple(channel.name for channel in channels().values() if channel.timeout_ns)
 """Messages that show who lives."""
 
 

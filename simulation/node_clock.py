@@ -12,7 +12,8 @@ PPM: Final = 1_000_000
 class NodeClock:
     """Local time = epoch + true time x (1 + drift). Integer arithmetic, exactly repeatable.
 
-    Products are kept small: beyond 2**30 they take several times as long. The result is the same.
+    Times are split at whole multiples, so that products stay small: those of factors that are
+    negative or beyond 2**30 take several times as long.
     """
 
     __slots__ = ("drift_ppm", "epoch_ns")
@@ -35,26 +36,21 @@ class NodeClock:
 
     def local_ns(self, true_ns: int) -> int:
         """The node's time at a true time."""
-        drift_ppm = self.drift_ppm
-        drifted_ns = true_ns // PPM * drift_ppm + true_ns % PPM * drift_ppm // PPM
-        return self.epoch_ns + true_ns + drifted_ns
+        pace = PPM + self.drift_ppm
+        return self.epoch_ns + true_ns // PPM * pace + true_ns % PPM * pace // PPM
 
     def received(self, heard: list[tuple[int, Frame]]) -> list[ReceivedFrame]:
         """Frames with true times as the node sees them: with its own times."""
         if not heard:
             return []
-        first_ns, ppm = heard[0][0], self.drift_ppm
-        drift = first_ns * ppm
-        base_ns, rest = self.epoch_ns + drift // PPM, drift % PPM
+        begin_ns, pace = heard[0][0] // PPM * PPM, PPM + self.drift_ppm
+        shown_ns = self.local_ns(begin_ns)
         return [
-            ReceivedFrame(base_ns + true_ns + (rest + (true_ns - first_ns) * ppm) // PPM, frame)
+            ReceivedFrame(shown_ns + (true_ns - begin_ns) * pace // PPM, frame)
             for true_ns, frame in heard
         ]
 
     def true_ns(self, local_ns: int) -> int:
         """The first true time at which the node's clock shows at least `local_ns`."""
-        elapsed_ns = local_ns - self.epoch_ns
-        guess_ns = elapsed_ns * PPM // (PPM + self.drift_ppm)
-        while self.local_ns(guess_ns) < local_ns:
-            guess_ns += 1
-        return guess_ns
+        elapsed_ns, pace = local_ns - self.epoch_ns, PPM + self.drift_ppm
+        return elapsed_ns // pace * PPM + (elapsed_ns % pace * PPM + pace - 1) // pace
