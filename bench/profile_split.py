@@ -14,6 +14,8 @@ PARTS = (
     ("simulation/wire.py", "wire"),
     ("canbus/timing.py", "wire"),
     ("simulation/trace.py", "trace hash"),
+    ("oracle/", "oracle"),
+    ("simulation/observer.py", "oracle"),
     ("simulation/", "kernel and world"),
     ("dbc/", "codec and protection"),
     ("canbus/canopen", "CANopen of the nodes"),

@@ -85,6 +85,10 @@ class Rig:
         decision = Decision(speed_mps=self.speed_mps, curvature_per_m=self.curvature_per_m)
         self._link.submit(PlannerInputs(decision=decision, decided_ns=self._link.now_ns()))
 
+    def stop_listening(self) -> None:
+        """Notes no frame from now on, where only the world's own speed is wanted."""
+        self.world.wire.witnesses.remove(self._witness)
+
     # Driving ---------------------------------------------------------------------------------
 
     def make_ready(self) -> None:

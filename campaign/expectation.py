@@ -59,12 +59,14 @@ class Expectation:
         budget_ms: Within this from its beginning; None: nothing must.
         excuses: Properties that this fault is beyond, by physics.
         recovery_s: After its end the car drives itself again within this.
+        is_planners: Nothing but the planner's decisions is missing: a controlled stop needs none.
     """
 
     demand: Demand = Demand.ANY
     budget_ms: float | None = None
     excuses: frozenset[str] = frozenset()
     recovery_s: float = RECOVERY_S
+    is_planners: bool = False
 
 
 ANYTHING = Expectation()
@@ -180,9 +182,17 @@ def expected(fault: Fault) -> Expectation:
     budget_ms = expectation.budget_ms
     if budget_ms is not None and _lasts_ms(fault) < budget_ms:
         expectation = Expectation(excuses=expectation.excuses)
+    if _is_planners(fault):
+        expectation = replace(expectation, is_planners=True)
     if fault.kind in LIES and fault.target in SPEEDS:
         expectation = replace(expectation, recovery_s=LIED_RECOVERY_S)
     return expectation
+
+
+def _is_planners(fault: Fault) -> bool:
+    """Whether the planner, the gateway or its commands are all that is struck."""
+    of_planner = fault.kind in (FaultKind.PLANNER_FROZEN, FaultKind.PLANNER_NAN)
+    return of_planner or fault.target == "Gateway" or fault.target.endswith("_COMMAND")
 
 
 def _lasts_ms(fault: Fault) -> float:

@@ -138,6 +138,7 @@ class Ledger:
             now_ns, str(fault.kind), fault.target, is_begin,
             budget_ns=round((entry.budget_ms or 0.0) * NS_PER_MS) if is_hazard else None,
             may_stop=ask.demand is not Demand.GO_ON, excuses=ask.excuses,
+            is_planners=ask.is_planners,
         )
         self._active += 1 if is_begin else -1
         self._quiet_ns = now_ns

@@ -372,9 +372,9 @@ class CanopenNode:
         """Send the oldest emergency if it may leave; return when the next one may."""
         if self.state is NmtState.STOPPED:
             return schedule.NEVER_NS
-        inhibit_ns = self._device.number(cia301.EMCY_INHIBIT) * cia301.INHIBIT_UNIT_NS
-        emergency = self._emergencies.take(self._network.now_ns, inhibit_ns)
-        if emergency is not None:
+        if self._network.now_ns >= self._emergencies.due_ns:
+            inhibit_ns = self._device.number(cia301.EMCY_INHIBIT) * cia301.INHIBIT_UNIT_NS
+            emergency = self._emergencies.take(self._network.now_ns, inhibit_ns)
             self._device.emcy.send(
                 emergency.error_code, emergency.error_register, emergency.manufacturer
             )

@@ -94,10 +94,9 @@ class EmergencyQueue:
             self.dropped += 1
         self._waiting.append(emergency)
 
-    def take(self, now_ns: int, inhibit_ns: int) -> Emergency | None:
-        """The oldest one if it may leave now; the next one then waits for `inhibit_ns`."""
-        if now_ns < self.due_ns:
-            return None
+    def take(self, now_ns: int, inhibit_ns: int) -> Emergency:
+        """The oldest one, which is due now; the next one then waits for `inhibit_ns`."""
+        assert now_ns >= self.due_ns, "not due yet"
         self._allowed_ns = now_ns + inhibit_ns
         return self._waiting.popleft()
 

@@ -116,18 +116,15 @@ _LENGTHS_PER_HEADER: Final = 256
 _headers: Final[dict[int, _Header]] = {}
 
 
-def _header(can_id: int, kind: FrameKind, length: int) -> _Header:
+def _new_header(key: int, can_id: int, kind: FrameKind, length: int) -> _Header:
     """The header of a frame, checked and remembered."""
-    key = (can_id << 3 | kind) << 7 | length
-    header = _headers.get(key)
-    if header is None:
-        if kind > FrameKind.EXTENDED or length > DATA_BYTES_MAX:
-            raise ValueError(f"no classical frame: {kind.name} with {length} bytes")
-        if can_id >> (29 if kind is FrameKind.EXTENDED else 11):
-            raise ValueError(f"identifier {can_id:#x} does not fit a {kind.name} frame")
-        if len(_headers) >= _HEADERS_MAX:
-            _headers.clear()
-        header = _headers[key] = _Header(can_id, kind, length)
+    if kind > FrameKind.EXTENDED or length > DATA_BYTES_MAX:
+        raise ValueError(f"no classical frame: {kind.name} with {length} bytes")
+    if can_id >> (29 if kind is FrameKind.EXTENDED else 11):
+        raise ValueError(f"identifier {can_id:#x} does not fit a {kind.name} frame")
+    if len(_headers) >= _HEADERS_MAX:
+        _headers.clear()
+    header = _headers[key] = _Header(can_id, kind, length)
     return header
 
 
@@ -142,7 +139,10 @@ def frame_bits(frame: Frame) -> int:
         ValueError: an FD or ERROR frame, an identifier out of range or more than 8 data bytes.
     """
     data = frame.data
-    header = _header(frame.can_id, frame.kind, len(data))
+    key = (frame.can_id << 3 | frame.kind) << 7 | len(data)
+    header = _headers.get(key)
+    if header is None:
+        header = _new_header(key, frame.can_id, frame.kind, len(data))
     known = header.known
     bits = known.get(data)
     if bits is None:
@@ -154,11 +154,12 @@ def frame_bits(frame: Frame) -> int:
 
 def _count_bits(header: _Header, data: bytes) -> int:
     bits, state, crc, table = header.bits, header.state, header.crc, _STUFF_OF_BYTE
-    for value, crc_table in zip(data, header.crc_tables, strict=True):
+    crc_tables = header.crc_tables
+    for place, value in enumerate(data):
         entry = table[state | value]
         bits += entry & _STUFF_MASK
         state = entry & _STATE_MASK
-        crc ^= crc_table[value]
+        crc ^= crc_tables[place][value]
     entry = table[state | crc >> 7]
     tail = _STUFF_OF_TAIL[(entry & _STATE_MASK) >> 1 | crc & 0x7F]
     return bits + (entry & _STUFF_MASK) + tail

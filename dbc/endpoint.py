@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from canbus.frame import Frame, FrameKind, ReceivedFrame
+from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
 from dbc.codec import DECODED, Decoded, FrameFault, decode, decode_data, encode_bits
 from dbc.messages import SPECS
 from dbc.protection import COUNTER_MODULO, USABLE, AliveCheck, AliveState
@@ -120,7 +120,9 @@ class Endpoint:
         self._hand_on = hand_on
         self._own = sent_by(node)
         self._of_name = {name: Subscription(SPEC_OF_NAME[name]) for name in subscribed}
-        self._of_id = {wanted.can_id: wanted for wanted in self._of_name.values()}
+        self._of_id: list[Subscription | None] = [None] * (CAN_ID_MAX + 1)
+        for wanted in self._of_name.values():
+            self._of_id[wanted.can_id] = wanted
         self._sent = {SPECS[can_id].name: Publication(SPECS[can_id]) for can_id in self._own}
         self.bad: list[BadFrame] = []
         self.foreign: list[ReceivedFrame] = []
@@ -132,7 +134,7 @@ class Endpoint:
     @property
     def acceptance(self) -> frozenset[int]:
         """Identifiers to let through: what is subscribed and, to notice strangers, our own."""
-        return self._own.union(self._of_id)
+        return self._own.union(wanted.can_id for wanted in self._of_name.values())
 
     def take(self, received: Sequence[ReceivedFrame]) -> list[Message]:
         """Judges frames in order of arrival; answers the believable ones that are subscribed."""
@@ -145,7 +147,7 @@ class Endpoint:
         for item in received:
             frame = item.frame
             can_id = frame.can_id
-            wanted = of_id.get(can_id)
+            wanted = of_id[can_id] if can_id <= CAN_ID_MAX else None
             if wanted is None or frame.kind is not _DATA:
                 self._take_odd(item, wanted)
                 continue

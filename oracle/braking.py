@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf
+from typing import Final
 
 from oracle.deadlines import Held
 from oracle.decode import Message
@@ -12,17 +13,17 @@ from oracle.scene import Scene
 from oracle.settings import Settings
 from oracle.words import BRAKE_FRAMES, DRIVING, NS_PER_MS, Mode, Verdict
 
-ROLLING_NS = 100 * NS_PER_MS
+ROLLING_NS: Final = 100 * NS_PER_MS
 """A car that begins to roll (ER3) is braked again within this."""
-RESTARTED_NS = 30 * NS_PER_MS
-TRAVEL_MARGIN = 1.3
+RESTARTED_NS: Final = 30 * NS_PER_MS
+TRAVEL_MARGIN: Final = 1.3
 """The servo is given so much more than its travel before it counts as dead (docs/safety.md)."""
-REGENERATION_LAG_NS = 250 * NS_PER_MS
+REGENERATION_LAG_NS: Final = 250 * NS_PER_MS
 """Dead time and lag of the traction controller."""
-REGENERATING_NM = -5.0
-REGENERATING_MPS = 1.0
+REGENERATING_NM: Final = -5.0
+REGENERATING_MPS: Final = 1.0
 """The motor's regeneration fades below walking pace (5 km/h)."""
-SILENT_NS = 100 * NS_PER_MS
+SILENT_NS: Final = 100 * NS_PER_MS
 
 
 class NoDriveWhileBraking(Property):
@@ -155,6 +156,7 @@ class NoFalseEmergency(Property):
             if not scene.has_cause(now_ns):
                 text = f"{message.name} of {message.sender} in {scene.mode.name}"
                 if not is_state:
-                    told = {k: v for k, v in message.values.items() if k in ("code", "reason")}
-                    text += f" {told}"
+                    values = message.values
+                    told = [f"{n} {values[n]:g}" for n in ("code", "reason") if n in values]
+                    text += f": {', '.join(told)}"
                 self.violated(now_ns, text)

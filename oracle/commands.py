@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import isnan, nan
+from typing import Final
 
 from oracle.deadlines import Held
 from oracle.decode import Message
@@ -14,17 +15,17 @@ from oracle.scene import Scene
 from oracle.settings import Settings
 from oracle.words import NEVER_NS, NS_PER_MS, NS_PER_S, Mode
 
-SETPOINTS = {
+SETPOINTS: Final = {
     "STEER_COMMAND": ("STEER_STATUS", "steering_wheel_angle_rad", 0.002),
     "THROTTLE_COMMAND": ("THROTTLE_STATUS", "wheel_speed_radps", 0.03),
     "BRAKE_COMMAND": ("BRAKE_STATUS", "position_ratio", 0.005),
 }
 """Command, the status that echoes it, its signal, and what rounding may add."""
-FULL_RATIO = 0.99
+FULL_RATIO: Final = 0.99
 """A brake node in its safe state sends the servo here at once, whatever is commanded."""
-AGE_MARGIN_NS = 17 * NS_PER_MS
+AGE_MARGIN_NS: Final = 17 * NS_PER_MS
 """docs/safety.md: ER5 at the limit; design, time budget: and 15 ms, and the wire."""
-DISTURBED_NS = 50 * NS_PER_MS
+DISTURBED_NS: Final = 50 * NS_PER_MS
 """A node that is late, or has lost a frame, may need this much more."""
 
 

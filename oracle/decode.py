@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from math import nan
-from typing import Any, NamedTuple
+from typing import Any, Final
 
 from e2e.p01 import e2e_p01_check
 
@@ -19,19 +19,20 @@ from canbus.frame import Frame, FrameKind
 from dbc.database import VEHICLE_DBC, load
 from oracle.words import NEVER_NS, NS_PER_MS
 
-COUNTER_MODULO = 15
-COUNTER_BYTE = 1
-PROTECTION = ("crc", "alive_counter")
-PAYLOAD_BEGIN = 4
-CACHE_SIZE = 256
-UNKNOWN = -1
-USABLE = ""
-NO_VALUES: Mapping[str, float] = {}
+COUNTER_MODULO: Final = 15
+COUNTER_BYTE: Final = 1
+PROTECTION: Final = ("crc", "alive_counter")
+PAYLOAD_BEGIN: Final = 4
+CACHE_SIZE: Final = 256
+UNKNOWN: Final = -1
+USABLE: Final = ""
+NO_VALUES: Final[Mapping[str, float]] = {}
 
 Values = Mapping[str, float]
 
 
-class Message(NamedTuple):
+@dataclass(slots=True, init=False)
+class Message:
     """A frame with one of our identifiers.
 
     Attributes:
@@ -43,11 +44,20 @@ class Message(NamedTuple):
             Empty for a frame that is not intact.
     """
 
-    name: str
-    sender: str
-    is_genuine: bool
-    fault: str
-    values: Values
+    name: Final[str]
+    sender: Final[str]
+    is_genuine: Final[bool]
+    fault: Final[str]
+    values: Final[Values]
+
+    def __init__(
+        self, name: str, sender: str, is_genuine: bool, fault: str, values: Values
+    ) -> None:
+        self.name = name
+        self.sender = sender
+        self.is_genuine = is_genuine
+        self.fault = fault
+        self.values = values
 
     @property
     def is_usable(self) -> bool:
@@ -75,7 +85,7 @@ class Field:
         if raw == self.missing:
             return nan
         if self.scale == 1 and self.offset == 0:
-            return raw
+            return float(raw)
         return raw * self.scale + self.offset
 
 
@@ -150,7 +160,7 @@ class Channel:
         counter, message = known
         if not self._is_in_sequence(counter, True):
             self.is_news, self._last = True, None
-            return message._replace(fault="counter")
+            return Message(self.name, sender, True, "counter", message.values)
         values = message.values
         self.is_news = values is not self._last
         self._last = values
@@ -210,7 +220,7 @@ class Channel:
         bits = int.from_bytes(data, "little")
         values = {field.name: field.read(bits) for field in self._fields}
         if "er0" in values:
-            values["codes"] = sum(int(values[f"er{n}"]) << n for n in range(7))
+            values["codes"] = float(sum(int(values[f"er{n}"]) << n for n in range(7)))
         if len(self._values) >= CACHE_SIZE:
             self._values.clear()
         self._values[payload] = values

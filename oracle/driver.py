@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.deadlines import Held
 from oracle.decode import Message
 from oracle.property import Complain, Once, Property, ms
@@ -10,18 +12,18 @@ from oracle.scene import Scene
 from oracle.settings import Settings
 from oracle.words import ER4_OR_ER6, HUMAN, NS_PER_MS, Mode
 
-RELAY_NS = 15 * NS_PER_MS
+RELAY_NS: Final = 15 * NS_PER_MS
 """The relay moves with the step that sends the mode; the look at it may be a sample later."""
-RELEASE_NS = 320 * NS_PER_MS
+RELEASE_NS: Final = 320 * NS_PER_MS
 """The pedal's spring takes an open servo back in 0.25 s, and a margin."""
-RELEASED_RATIO = 0.05
-PEDAL_NS = 600 * NS_PER_MS
+RELEASED_RATIO: Final = 0.05
+PEDAL_NS: Final = 600 * NS_PER_MS
 """Motor torque follows the pedal after dead time and lag; so long ago it may have been further."""
-COAST_NS = 25 * NS_PER_MS
+COAST_NS: Final = 25 * NS_PER_MS
 """From the frame that tells ER4 or ER6 to open outputs: a cycle and a sample."""
-SETTLED_NS = 200 * NS_PER_MS
+SETTLED_NS: Final = 200 * NS_PER_MS
 
-ECHOES = {
+ECHOES: Final = {
     "STEER_STATUS": "applied_steering_wheel_angle_rad",
     "THROTTLE_STATUS": "applied_wheel_speed_radps",
     "BRAKE_STATUS": "applied_position_ratio",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.deadlines import Deadline, Lately, Told
 from oracle.decode import Message, channels
 from oracle.property import Complain, Property, ms
@@ -20,23 +22,23 @@ from oracle.words import (
     Verdict,
 )
 
-STEP_NS = 20 * NS_PER_MS
+STEP_NS: Final = 20 * NS_PER_MS
 """From the frame that decided to the frame that tells: two cycles."""
-REQUEST_NS = 100 * NS_PER_MS
-BUTTON_NS = 150 * NS_PER_MS
+REQUEST_NS: Final = 100 * NS_PER_MS
+BUTTON_NS: Final = 150 * NS_PER_MS
 """From the push to READY: debounced for 30 ms, in a node that may be 50 ms late."""
-STARTED_NS = 2 * NS_PER_S
-RESTARTED_NS = 3 * NS_PER_S
+STARTED_NS: Final = 2 * NS_PER_S
+RESTARTED_NS: Final = 3 * NS_PER_S
 """A node that comes back is out of sequence: ER0, which is told for a second and denies."""
-OTHERS = frozenset(HEARTBEATS.values()) - {"Supervisor"}
-DRIVERS = tuple(f"{prefix}_DRIVER" for prefix in AXES)
-TIMEOUTS_NS = {
+OTHERS: Final = frozenset(HEARTBEATS.values()) - {"Supervisor"}
+DRIVERS: Final = tuple(f"{prefix}_DRIVER" for prefix in AXES)
+TIMEOUTS_NS: Final = {
     channel.name: channel.timeout_ns
     for channel in channels().values()
     if channel.timeout_ns and channel.sender in OTHERS
 }
 """Cyclic messages of the other nodes, by the DBC."""
-MEANING = {"SAFETY_VERDICT": "PERMIT"} | {
+MEANING: Final = {"SAFETY_VERDICT": "PERMIT"} | {
     name: f"a node that is released, without code and driver ({name})" for name in DRIVERS
 }
 

@@ -11,17 +11,19 @@ class Hazard:
 
     __slots__ = (
         "began_ns", "budget_ns", "emergency_ns", "full_ns", "is_end_told", "is_late_told",
-        "is_over", "kind", "setpoint_ns", "speed_mps", "standstill_ns", "target",
+        "is_over", "is_planners", "kind", "setpoint_ns", "speed_mps", "standstill_ns", "target",
     )
 
     def __init__(
-        self, kind: str, target: str, began_ns: int, budget_ns: int, speed_mps: float
+        self, kind: str, target: str, began_ns: int, budget_ns: int, speed_mps: float,
+        is_planners: bool = False,
     ) -> None:
         self.kind = kind
         self.target = target
         self.began_ns = began_ns
         self.budget_ns = budget_ns
         self.speed_mps = speed_mps
+        self.is_planners = is_planners
         self.emergency_ns: int | None = None
         self.setpoint_ns: int | None = None
         self.full_ns: int | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.decode import Message
 from oracle.hazard import Hazard
 from oracle.property import Complain, Property, ms
@@ -10,8 +12,8 @@ from oracle.scene import Fault, Scene
 from oracle.settings import Settings
 from oracle.words import BRAKE_FRAMES, DRIVING, HUMAN, NS_PER_S, Mode, Request
 
-STANDING_MPS = 0.05
-FULL_RATIO = 0.9
+STANDING_MPS: Final = 0.05
+FULL_RATIO: Final = 0.9
 
 
 class HazardAnswered(Property):
@@ -21,7 +23,7 @@ class HazardAnswered(Property):
     hazardous fault's time (100 ms by default); the emergency stop, FAILSAFE and the planner's own
     request are sensed causes of 20 ms (docs/safety.md; the time budget). A driver who has taken
     the car meanwhile, or a fault that went before its time, needs no answer; a further fault
-    before the answer begins the time anew.
+    before the answer begins the time anew. A controlled stop needs no planner, nor its frames.
     """
 
     name = "hazard answered in time"
@@ -36,7 +38,9 @@ class HazardAnswered(Property):
         if is_begin:
             self._postpone(now_ns)
         if is_begin and fault.budget_ns is not None:
-            self._begin(now_ns, fault.kind, fault.target, fault.budget_ns)
+            self._begin(
+                now_ns, fault.kind, fault.target, fault.budget_ns, is_planners=fault.is_planners
+            )
         if not is_begin:
             for hazard in self.scene.open_hazards:
                 is_it = (hazard.kind, hazard.target) == (fault.kind, fault.target)
@@ -50,11 +54,16 @@ class HazardAnswered(Property):
                 again_ns = now_ns - hazard.began_ns + self.settings.hazard_ns
                 hazard.budget_ns = max(hazard.budget_ns, again_ns)
 
-    def _begin(self, now_ns: int, kind: str, target: str, budget_ns: int) -> None:
+    def _begin(
+        self, now_ns: int, kind: str, target: str, budget_ns: int, *, is_planners: bool = False
+    ) -> None:
         scene = self.scene
         if scene.mode not in DRIVING or scene.braking_since_ns is not None:
             return
-        hazard = Hazard(kind, target, now_ns, budget_ns, abs(scene.sample.speed_mps))
+        if is_planners and scene.mode is Mode.STOPPING:
+            return
+        speed_mps = abs(scene.sample.speed_mps)
+        hazard = Hazard(kind, target, now_ns, budget_ns, speed_mps, is_planners)
         scene.hazards.append(hazard)
         scene.open_hazards.append(hazard)
 
@@ -71,6 +80,10 @@ class HazardAnswered(Property):
             if self.scene.open_hazards and message.is_genuine and self.scene.mode in HUMAN:
                 for hazard in self.scene.open_hazards:
                     hazard.is_over = True
+                self._forget()
+            elif self.scene.mode is Mode.STOPPING and message.is_genuine:
+                for hazard in self.scene.open_hazards:
+                    hazard.is_over |= hazard.is_planners and not hazard.is_answered
                 self._forget()
             if self.scene.mode is not Mode.EMERGENCY or not message.is_genuine:
                 return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from canbus.frame import Frame
 from oracle.braking import (
     BrakeKept,
@@ -30,7 +32,7 @@ from oracle.scene import CYCLIC, OF_SCENE, Fault, Scene
 from oracle.settings import HAZARD_NS, Settings
 from vehicles import Vehicle
 
-PROPERTIES: tuple[type[Property], ...] = (
+PROPERTIES: Final[tuple[type[Property], ...]] = (
     HazardAnswered,
     HazardEndsBraked,
     NoDriveWhileBraking,
@@ -56,15 +58,15 @@ PROPERTIES: tuple[type[Property], ...] = (
 )
 """All of them, in the order in which they look."""
 
-WATCHED = frozenset((*OF_SCENE, *CYCLIC)).union(*(kind.watches for kind in PROPERTIES))
+WATCHED: Final = frozenset((*OF_SCENE, *CYCLIC)).union(*(kind.watches for kind in PROPERTIES))
 """Messages that are decoded at all."""
-BATCH = 200
+BATCH: Final = 200
 """Frames and looks that are judged together, about 0.2 s: judged one by one, between the steps of
 nodes and plant, they would cost twice the time (the processor's caches)."""
-KEPT_MAX = 5
+KEPT_MAX: Final = 5
 """Violations of one property that are kept in words; the rest are counted."""
-FREE_FOR_ALL = frozenset({"FAILSAFE"})
-NO_EXCUSE: frozenset[str] = frozenset()
+FREE_FOR_ALL: Final = frozenset({"FAILSAFE"})
+NO_EXCUSE: Final[frozenset[str]] = frozenset()
 
 
 class Oracle:
@@ -164,7 +166,7 @@ class Oracle:
             if isinstance(entry, Sample):
                 self._judge_sample(entry)
             else:
-                self._judge_frame(*entry)
+                self._judge_frame(entry[0], entry[1], entry[2])
 
     def on_fault(
         self,
@@ -176,6 +178,7 @@ class Oracle:
         budget_ns: int | None = HAZARD_NS,
         may_stop: bool = True,
         excuses: frozenset[str] = NO_EXCUSE,
+        is_planners: bool = False,
     ) -> None:
         """Something breaks, or is whole again; `kind` and `target` say which.
 
@@ -189,11 +192,12 @@ class Oracle:
             may_stop: False if not even an emergency brake may follow from it.
             excuses: Names of properties that do not hold under this fault, by design. What breaks
                 them while it is there, or was lately, is reported apart.
+            is_planners: Nothing but the planner's decisions is missing.
         """
         self.judge()
         fault = Fault(
             kind=kind, target=target, true_ns=true_ns, budget_ns=budget_ns, may_stop=may_stop,
-            excuses=excuses,
+            excuses=excuses, is_planners=is_planners,
         )
         assert excuses <= {p.name for p in PROPERTIES}, f"unknown properties in {excuses}"
         self.scene.on_fault(true_ns, fault, is_begin=is_begin)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.deadlines import Lately
 from oracle.decode import Message
 from oracle.property import Complain, Property
@@ -10,12 +12,12 @@ from oracle.scene import Scene
 from oracle.settings import Settings
 from oracle.words import AT_WORK, AXES, ER0, NS_PER_MS, Mode, Request
 
-EPOCHS = 16
-RESET_NS = 50 * NS_PER_MS
+EPOCHS: Final = 16
+RESET_NS: Final = 50 * NS_PER_MS
 """By then every node has heard the new epoch."""
-BOOT_NS = 100 * NS_PER_MS
+BOOT_NS: Final = 100 * NS_PER_MS
 """By then a node that has booted tells its codes anew."""
-ASKED_NS = 200 * NS_PER_MS
+ASKED_NS: Final = 200 * NS_PER_MS
 """Between asking for a reset and MANUAL: the request is repeated every 20 ms."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.deadlines import Deadline
 from oracle.decode import Message
 from oracle.property import Complain, Once, Property
@@ -11,7 +13,7 @@ from oracle.settings import Settings
 from oracle.words import DRIVING, NEVER_NS, NS_PER_MS, Mode
 
 _M = Mode
-MAY_FOLLOW: dict[Mode, frozenset[Mode]] = {
+MAY_FOLLOW: Final[dict[Mode, frozenset[Mode]]] = {
     _M.INIT: frozenset({_M.MANUAL, _M.EMERGENCY}),
     _M.MANUAL: frozenset({_M.READY}),
     _M.READY: frozenset({_M.MANUAL, _M.AUTOMATIC, _M.EMERGENCY}),
@@ -21,9 +23,9 @@ MAY_FOLLOW: dict[Mode, frozenset[Mode]] = {
 }
 """docs/architecture.md, driving modes; INIT follows on nothing but a restart."""
 
-BOOT_NS = 50 * NS_PER_MS
+BOOT_NS: Final = 50 * NS_PER_MS
 
-AUTHORISED: dict[Mode, frozenset[str]] = {
+AUTHORISED: Final[dict[Mode, frozenset[str]]] = {
     _M.INIT: frozenset(),
     _M.MANUAL: frozenset(),
     _M.READY: frozenset(),

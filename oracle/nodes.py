@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from oracle.decode import Message
 from oracle.property import Complain, Property, ms
 from oracle.sample import Sample
@@ -9,14 +11,14 @@ from oracle.scene import Scene
 from oracle.settings import SILENT_NS, Settings
 from oracle.words import AXES, HEARTBEATS, NS_PER_MS, HeartbeatState, NodeState
 
-COMMAND_SILENT_NS = 115 * NS_PER_MS
+COMMAND_SILENT_NS: Final = 115 * NS_PER_MS
 """The gateway's frames come every 20 ms and time out after 100."""
-LEAVE_NS = 100 * NS_PER_MS
+LEAVE_NS: Final = 100 * NS_PER_MS
 """A drive with a node that was away ends within this."""
-OBEY_NS = 50 * NS_PER_MS
+OBEY_NS: Final = 50 * NS_PER_MS
 """By then a node that has come back has heard the supervisor, or gone to its own safe state."""
 
-SILENT_NS_OF = {
+SILENT_NS_OF: Final = {
     "SUPERVISOR_STATE": SILENT_NS,
     "STEER_STATUS": SILENT_NS,
     "THROTTLE_STATUS": SILENT_NS,
@@ -25,7 +27,7 @@ SILENT_NS_OF = {
     "STEER_COMMAND": COMMAND_SILENT_NS,
 }
 """By which frames a node shows that it is there, and the gap that shows it was not."""
-DRIVERS = tuple(f"{prefix}_DRIVER" for prefix in AXES)
+DRIVERS: Final = tuple(f"{prefix}_DRIVER" for prefix in AXES)
 
 
 class RejoinsByRearming(Property):

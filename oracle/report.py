@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
-CRC_MISS_SHARE = 1 / 256
+CRC_MISS_SHARE: Final = 1 / 256
 """Share of random corruptions that a CRC of 8 bits cannot see."""
 
 

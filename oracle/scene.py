@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from oracle.decode import Message, channels
 from oracle.hazard import Hazard
@@ -25,15 +26,17 @@ from oracle.words import (
     Request,
 )
 
-MODES = dict(enumerate(Mode))
-GAP_NS = 25 * NS_PER_MS
+MODES: Final = dict(enumerate(Mode))
+GAP_NS: Final = 25 * NS_PER_MS
 """Two states of the supervisor further apart may hide a third."""
-UNHEARD_NS = 200 * NS_PER_MS
+UNHEARD_NS: Final = 200 * NS_PER_MS
 """After such a gap what is heard may tell of what happened within it."""
 
-OF_SCENE = ("FAILSAFE", "NMT", "SUPERVISOR_STATE", "MODE_REQUEST", *BRAKE_FRAMES, *HEARTBEATS)
+OF_SCENE: Final = (
+    "FAILSAFE", "NMT", "SUPERVISOR_STATE", "MODE_REQUEST", *BRAKE_FRAMES, *HEARTBEATS
+)
 """Messages that the scene itself needs."""
-CYCLIC = tuple(channel.name for channel in channels().values() if channel.timeout_ns)
+CYCLIC: Final = tuple(channel.name for channel in channels().values() if channel.timeout_ns)
 """Messages that show who lives."""
 
 
@@ -48,6 +51,7 @@ class Fault:
         budget_ns: Within which the emergency brake must be called; None: it need not be.
         may_stop: Whether it is a reason for an emergency brake at all.
         excuses: Names of the properties that this fault is beyond.
+        is_planners: Nothing but the planner's decisions is missing: a controlled stop needs none.
     """
 
     kind: str
@@ -56,6 +60,7 @@ class Fault:
     budget_ns: int | None
     may_stop: bool
     excuses: frozenset[str]
+    is_planners: bool = False
 
 
 class Scene:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from oracle.words import NS_PER_MS, NS_PER_S
 from vehicles import Vehicle
 from vehicles.vehicle import DriverPolicy
 
-SENSED_NS = 21 * NS_PER_MS
+SENSED_NS: Final = 21 * NS_PER_MS
 """docs/safety.md and the time budget: a sensed cause is on the bus within 20 ms and the wire."""
-SILENT_NS = 75 * NS_PER_MS
+SILENT_NS: Final = 75 * NS_PER_MS
 """A cause that is a silence: 60 ms, a cycle and the wire."""
-HAZARD_NS = 100 * NS_PER_MS
+HAZARD_NS: Final = 100 * NS_PER_MS
 """Any injected fault (the planner's silence apart)."""
-MEMORY_NS = 2 * NS_PER_S
+MEMORY_NS: Final = 2 * NS_PER_S
 """So long a fault that has ended may still be the reason for what happens."""
 assert SENSED_NS < SILENT_NS < HAZARD_NS < MEMORY_NS
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
 
 
 class Mode(IntEnum):
@@ -63,24 +64,24 @@ class NmtCommand(IntEnum):
     RESET_COMMUNICATION = 130
 
 
-DRIVING = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
+DRIVING: Final = frozenset({Mode.AUTOMATIC, Mode.STOPPING})
 """The car drives itself."""
-HUMAN = frozenset({Mode.MANUAL, Mode.READY})
+HUMAN: Final = frozenset({Mode.MANUAL, Mode.READY})
 """A human drives, or may; INIT is left out: a restarted supervisor finds the relay as it was."""
-AT_WORK = frozenset({NodeState.ACTIVE, NodeState.SAFE_ALONE, NodeState.EMERGENCY})
+AT_WORK: Final = frozenset({NodeState.ACTIVE, NodeState.SAFE_ALONE, NodeState.EMERGENCY})
 """States of an actuator node in which a code that it raises is latched."""
 
-ER4_OR_ER6 = 1 << 4 | 1 << 6
-ER0 = 1 << 0
+ER4_OR_ER6: Final = 1 << 4 | 1 << 6
+ER0: Final = 1 << 0
 
-AXES = {"STEER": "Steering", "THROTTLE": "Throttle", "BRAKE": "BrakeServo"}
+AXES: Final = {"STEER": "Steering", "THROTTLE": "Throttle", "BRAKE": "BrakeServo"}
 """Prefix of an actuator node's messages, and its name."""
 
-BRAKE_FRAMES = tuple(
+BRAKE_FRAMES: Final = tuple(
     f"{prefix}_EMERGENCY_BRAKE"
     for prefix in ("SUPERVISOR", "STEER", "THROTTLE", "BRAKE", "SAFETY_MONITOR", "GATEWAY")
 )
-HEARTBEATS = {
+HEARTBEATS: Final = {
     "SUPERVISOR_HEARTBEAT": "Supervisor",
     "STEER_HEARTBEAT": "Steering",
     "THROTTLE_HEARTBEAT": "Throttle",
@@ -90,7 +91,7 @@ HEARTBEATS = {
 }
 """By message, the node that sends it."""
 
-NEVER_NS = -(1 << 62)
+NEVER_NS: Final = -(1 << 62)
 """Long before anything."""
-NS_PER_MS = 1_000_000
-NS_PER_S = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+NS_PER_S: Final = 1_000_000_000

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
+from heapq import heappop, heappush
 
 Action = Callable[[int], None]
 
@@ -22,13 +22,13 @@ class Kernel:
         """Plans `action(time_ns)`; a time that has passed is a programmer's error."""
         assert time_ns >= self.now_ns
         self._sequence += 1
-        heapq.heappush(self._heap, (time_ns, priority, self._sequence, action))
+        heappush(self._heap, (time_ns, priority, self._sequence, action))
 
     def run_until(self, time_ns: int) -> None:
         """Runs everything that is due up to and including `time_ns`, and leaves time there."""
-        heap, pop = self._heap, heapq.heappop
+        heap = self._heap
         while heap and heap[0][0] <= time_ns:
-            due_ns, _, _, action = pop(heap)
+            due_ns, _, _, action = heappop(heap)
             self.now_ns = due_ns
             action(due_ns)
         self.now_ns = max(self.now_ns, time_ns)

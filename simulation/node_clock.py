@@ -10,7 +10,11 @@ PPM: Final = 1_000_000
 
 
 class NodeClock:
-    """Local time = epoch + true time x (1 + drift). Integer arithmetic, exactly repeatable."""
+    """Local time = epoch + true time x (1 + drift). Integer arithmetic, exactly repeatable.
+
+    Times are split at whole multiples, so that products stay small: those of factors that are
+    negative or beyond 2**30 take several times as long.
+    """
 
     __slots__ = ("drift_ppm", "epoch_ns")
 
@@ -32,20 +36,21 @@ class NodeClock:
 
     def local_ns(self, true_ns: int) -> int:
         """The node's time at a true time."""
-        return self.epoch_ns + true_ns + true_ns * self.drift_ppm // PPM
+        pace = PPM + self.drift_ppm
+        return self.epoch_ns + true_ns // PPM * pace + true_ns % PPM * pace // PPM
 
     def received(self, heard: list[tuple[int, Frame]]) -> list[ReceivedFrame]:
         """Frames with true times as the node sees them: with its own times."""
-        epoch_ns, drift_ppm = self.epoch_ns, self.drift_ppm
+        if not heard:
+            return []
+        begin_ns, pace = heard[0][0] // PPM * PPM, PPM + self.drift_ppm
+        shown_ns = self.local_ns(begin_ns)
         return [
-            ReceivedFrame(epoch_ns + true_ns + true_ns * drift_ppm // PPM, frame)
+            ReceivedFrame(shown_ns + (true_ns - begin_ns) * pace // PPM, frame)
             for true_ns, frame in heard
         ]
 
     def true_ns(self, local_ns: int) -> int:
         """The first true time at which the node's clock shows at least `local_ns`."""
-        elapsed_ns = local_ns - self.epoch_ns
-        guess_ns = elapsed_ns * PPM // (PPM + self.drift_ppm)
-        while self.local_ns(guess_ns) < local_ns:
-            guess_ns += 1
-        return guess_ns
+        elapsed_ns, pace = local_ns - self.epoch_ns, PPM + self.drift_ppm
+        return elapsed_ns // pace * PPM + (elapsed_ns % pace * PPM + pace - 1) // pace

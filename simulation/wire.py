@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from heapq import heappop
-from typing import Final, Protocol
+from typing import Final
 
 from canbus.frame import Frame, FrameKind
 from canbus.timing import (
@@ -53,18 +53,23 @@ BUS_OFF_FRAME = Frame(ERROR_BUS_OFF, bytes(8), FrameKind.ERROR)
 WireFrame = tuple[int, Frame]
 """True time at which the frame ended, and the frame."""
 
-class Station(Protocol):
-    """One node on the wire."""
 
-    name: str
+class Receiver:
+    """What the wire knows of a station.
+
+    Attributes:
+        name: Of its node.
+        inbox: Frames that have ended on the wire since the station last looked.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.inbox: list[WireFrame] = []
 
     @property
     def acceptance(self) -> frozenset[int] | None:
         """Identifiers that its acceptance filter lets through; None for all."""
-        ...
-
-    inbox: list[WireFrame]
-    """Frames that have ended on the wire since the station last looked."""
+        return None
 
 
 Filter = Callable[[int, str, Frame, str], bool]
@@ -89,13 +94,15 @@ class Wire:
 
     def __init__(self, kernel: Kernel, bitrate_bps: int) -> None:
         self._kernel = kernel
+        self._on_begin: Action = self._begin  # found once, not at every frame
+        self._on_end: Action = self._end
         self._bitrate_bps = bitrate_bps
         bits_max = frame_bits_max(DATA_BYTES_MAX, extended=True)
         self._span_ns_of_bits = [bits_time_ns(n, bitrate_bps) for n in range(bits_max + 1)]
         self._space_ns = bits_time_ns(INTERFRAME_SPACE_BITS, bitrate_bps)
         self._suspend_ns = bits_time_ns(SUSPEND_BITS, bitrate_bps)
-        self._stations: dict[str, Station] = {}
-        self._routes: dict[int, tuple[Controller, list[Station]]] = {}
+        self._stations: dict[str, Receiver] = {}
+        self._routes: dict[int, tuple[Controller, list[Receiver]]] = {}
         self._arbitration = Arbitration()
         self._pending = self._arbitration.pending
         self._is_begun = False  # a frame is under way, or its begin is planned
@@ -117,7 +124,7 @@ class Wire:
         self.busy_ns = 0
         self.load_max = 0.0
 
-    def attach(self, station: Station, settings: ControllerSettings = DEFAULT_SETTINGS) -> None:
+    def attach(self, station: Receiver, settings: ControllerSettings = DEFAULT_SETTINGS) -> None:
         """Adds a station; order of attachment is order of delivery."""
         self._stations[station.name] = station
         self._routes.clear()
@@ -147,7 +154,7 @@ class Wire:
         if true_ns >= self._free_ns:
             self._begin(true_ns)
         else:
-            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._on_begin)
 
     # A frame ---------------------------------------------------------------------------------
 
@@ -170,7 +177,7 @@ class Wire:
                 bits = self._error.bits + INTERFRAME_SPACE_BITS
                 self._occupy(true_ns, bits_time_ns(bits, self._bitrate_bps), self._end_in_error)
                 return
-        self._occupy(true_ns, self._span_ns_of_bits[frame_bits(frame)], self._end)
+        self._occupy(true_ns, self._span_ns_of_bits[frame_bits(frame)], self._on_end)
 
     def _occupy(self, true_ns: int, span_ns: int, end: Action) -> None:
         if self._recoveries:
@@ -214,7 +221,7 @@ class Wire:
             self._count_success()
         self._go_on()
 
-    def _deliver_with_care(self, item: WireFrame, receivers: list[Station]) -> None:
+    def _deliver_with_care(self, item: WireFrame, receivers: list[Receiver]) -> None:
         """Some may not get it: who sent the same, whose controller saw it disturbed, a filter."""
         true_ns, frame = item
         sender = self._current[0][2].name
@@ -227,7 +234,7 @@ class Wire:
             ):
                 station.inbox.append(item)
 
-    def _route(self, sender: Controller, can_id: int) -> tuple[Controller, list[Station]]:
+    def _route(self, sender: Controller, can_id: int) -> tuple[Controller, list[Receiver]]:
         """The sender, and the stations that want these frames of his by their filters."""
         receivers = [
             station
@@ -246,7 +253,7 @@ class Wire:
             recovery.ends(self._free_ns)
         if self._pending:
             self._is_begun = True
-            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._begin)
+            self._kernel.at(self._free_ns, WIRE_PRIORITY, self._on_begin)
 
     # Errors ----------------------------------------------------------------------------------
 

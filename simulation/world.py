@@ -24,7 +24,7 @@ from simulation.plant.car import ORIGIN, Car
 from simulation.plant.params import PlantParams, plant_params
 from simulation.plant.state import Pose
 from simulation.trace import Trace
-from simulation.wire import Wire, WireFrame
+from simulation.wire import Receiver, Wire
 from vehicles import Vehicle
 
 STEP_PRIORITY: Final = 1
@@ -57,7 +57,7 @@ class Mounting:
     act: Act
 
 
-class Station:
+class Station(Receiver):
     """One node on the wire: its clock, its inbox, and whether it lives.
 
     Attributes:
@@ -71,7 +71,7 @@ class Station:
     """
 
     def __init__(self, world: World, name: str, mounting: Mounting, clock: NodeClock) -> None:
-        self.name = name
+        super().__init__(name)
         self.clock = clock
         self.node: Any = mounting.build()
         self.is_alive = True
@@ -85,7 +85,6 @@ class Station:
         self.acts: list[Between] = []
         self._mounting = mounting
         self._world = world
-        self.inbox: list[WireFrame] = []
         self._next_ns = 0
 
     @property

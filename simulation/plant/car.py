@@ -297,10 +297,10 @@ class Car:
         hardware = self._hardware
         column = self._column
         chassis = self._chassis
-        traction_step = self._traction.step
-        brakes_step = self._brakes.step
-        motor_encoder_step = self._motor_encoder.step
-        wheel_encoder_step = self._wheel_encoder.step
+        traction = self._traction
+        brakes = self._brakes
+        motor_encoder = self._motor_encoder
+        wheel_encoder = self._wheel_encoder
         aligning_per_n = self._aligning_per_n
         inverse_ratio = self._inverse_ratio
         wheel_offset_left_m = self._wheel_offset_left_m
@@ -328,13 +328,13 @@ class Car:
                 aligning_per_n * chassis.front_axle_force_lateral_n,
                 chassis.speed_mps,
             )
-            drive_n = traction_step(
+            drive_n = traction.step(
                 hardware.drive_ratio,
                 hardware.regen_ratio,
                 traction_dead,
                 chassis.front_wheel_speed_mps,
             )
-            brake_n = brakes_step(
+            brake_n = brakes.step(
                 hardware.servo_target_ratio,
                 hardware.servo_powered and servo_alive,
                 servo_slow_factor,
@@ -342,8 +342,8 @@ class Car:
                 foot_ratio,
             )
             chassis.step(column.angle_rad * inverse_ratio, drive_n, brake_n)
-            motor_encoder_step(begin_ns, chassis.front_wheel_speed_mps)
-            wheel_encoder_step(
+            motor_encoder.step(begin_ns, chassis.front_wheel_speed_mps)
+            wheel_encoder.step(
                 begin_ns,
                 (chassis.speed_mps - wheel_offset_left_m * chassis.yaw_rate_radps)
                 * (1.0 - chassis.rear_lock_ratio),

@@ -52,8 +52,8 @@ def test_a_codec_that_disagrees_is_found_before_it_is_timed(
 
 @pytest.mark.slow
 def test_the_stack_runs_at_some_speed_and_its_shares_add_up() -> None:
-    result = speed.measure_distance(6.0, idle_s=0.3, runs=1, quick=True)
-    for run in (*result.drives, *result.worlds):
+    result = speed.measure_distance(6.0, world_s=0.3, runs=1, quick=True)
+    for run in (*result.drives, *result.parked, *result.watched):
         assert 0.0 < run.factor < 1e4
         assert run.reference_s > 0.0
     parts = dict(result.shares)

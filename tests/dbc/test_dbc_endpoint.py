@@ -123,9 +123,9 @@ def test_a_value_that_the_dbc_does_not_know_is_a_value_fault() -> None:
 def test_a_corrupt_frame_shows_in_the_state_of_its_identifier(frame: Frame) -> None:
     endpoint = in_sequence()
     endpoint.take(at(10, frame))
-    assert endpoint._of_id[STEER].check.state is AliveState.ERROR
+    assert endpoint.subscription("STEER_STATUS").check.state is AliveState.ERROR
     endpoint.take(at(20, steer(2)))
-    assert endpoint._of_id[STEER].check.state is AliveState.OK
+    assert endpoint.subscription("STEER_STATUS").check.state is AliveState.OK
 
 
 def test_a_bad_frame_takes_nothing_away() -> None:
@@ -155,7 +155,7 @@ def test_the_endpoint_believes_what_the_state_machine_says(counters: list[int | 
         frame = Frame(STEER, b"\1" * 8) if counter is None else steer(counter)
         believed = bool(endpoint.take(at(now_ms, frame)))
         assert believed == (reference.judge(counter) in USABLE)
-        check = endpoint._of_id[STEER].check
+        check = endpoint.subscription("STEER_STATUS").check
         assert (check.state, check.expected, check.is_in_sequence) == (
             reference.state, reference.expected, reference.is_in_sequence
         )

@@ -79,6 +79,19 @@ def test_a_fault_that_goes_after_its_time_needed_one() -> None:
     assert history.broken()
 
 
+@pytest.mark.parametrize("is_planners", [True, False])
+def test_a_controlled_stop_needs_no_planner(is_planners: bool) -> None:
+    before = History(HazardAnswered).drive()
+    before.mode(Mode.STOPPING).run(50)
+    before.fault(is_planners=is_planners)
+    assert (before.run(300).broken() == []) is is_planners
+    meanwhile = History(HazardAnswered).drive()
+    meanwhile.fault(is_planners=is_planners)
+    meanwhile.run(50)
+    meanwhile.mode(Mode.STOPPING)
+    assert (meanwhile.run(300).broken() == []) is is_planners
+
+
 @pytest.mark.parametrize(("after_ms", "is_late"), [(149.0, False), (150.1, True)])
 def test_a_further_fault_before_the_answer_begins_the_time_anew(
     after_ms: float, is_late: bool

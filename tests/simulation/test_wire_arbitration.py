@@ -103,7 +103,7 @@ def test_a_full_queue_refuses_and_counts() -> None:
 
 def test_acceptance_filters_are_the_receivers() -> None:
     bench = Bench()
-    bench.ears["B"].acceptance = frozenset({0x101})
+    bench.ears["B"].wanted = frozenset({0x101})
     bench.send("A", Frame(0x100), Frame(0x101))
     bench.run()
     assert bench.heard("B") == [Frame(0x101)]

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 from canbus.frame import Frame
 from canbus.timing import bits_time_ns, frame_time_ns
 from simulation.controller import DEFAULT_SETTINGS, ControllerSettings, ErrorState
 from simulation.disturbance import Disturbance
 from simulation.kernel import Kernel
-from simulation.wire import Wire, WireFrame
+from simulation.wire import Receiver, Wire
 
 BITRATE_BPS = 500_000
 BIT_NS = 2_000
 SPACE_NS = 3 * BIT_NS
 
 
-@dataclass
-class Ear:
-    """A station that hears everything."""
+class Ear(Receiver):
+    """A station that hears everything, unless it is told otherwise."""
 
-    name: str
-    acceptance: frozenset[int] | None = None
-    inbox: list[WireFrame] = field(default_factory=list)
+    wanted: frozenset[int] | None = None
+
+    @property
+    def acceptance(self) -> frozenset[int] | None:
+        return self.wanted
 
 
 class Bench:
