@@ -14,13 +14,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parent
-PACKAGES = ("canbus", "dbc", "dbw", "ecus", "gateway", "oracle", "planner", "safety_monitor",
-            "simulation", "telemetry", "vehicles")
+PACKAGES = ("campaign", "canbus", "dbc", "dbw", "ecus", "gateway", "oracle", "planner",
+            "safety_monitor", "simulation", "telemetry", "vehicles")
 """Copied: what is compiled, and what it imports by name."""
 
 COMPILED = (
     "canbus/*.py", "dbc/*.py", "ecus/**/*.py", "gateway/*.py", "safety_monitor/*.py",
     "oracle/*.py", "simulation/**/*.py", "telemetry/bus_log.py",
+    "campaign/route.py", "campaign/pilot.py", "campaign/expectation.py", "campaign/ledger.py",
     "planner/pose.py", "planner/gnss.py", "planner/tracker.py", "planner/localisation.py",
     "planner/pure_pursuit.py", "dbw/drive.py", "dbw/virtual_stage.py",
 )

@@ -181,7 +181,7 @@ class Ledger:
             for entry in self._open:
                 if entry.human_ns is None and before in DRIVING:
                     entry.human_ns = now_ns
-        if before in DRIVING and mode not in (*DRIVING, Mode.READY):
+        if before in DRIVING and mode not in DRIVING and mode is not Mode.READY:
             self._down_ns = now_ns
             self.stops += mode is Mode.EMERGENCY
         elif mode in DRIVING and self._down_ns is not None:

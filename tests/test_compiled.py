@@ -6,18 +6,20 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import compile_stack
+from campaign import ledger
+from campaign.run import build, faults_of, run_seed
+from campaign.settings import CampaignSettings
 from oracle import judge
 from simulation import kernel
-from tests.oracle.storms import Stormy, storm, weather
-from tests.scenarios.driving import Drive
 
-SEEDS = range(6)
+SETTINGS = CampaignSettings(seed_s=60.0)
+SEEDS = range(4)
 UNTOLD_SEED = 3
 IN_A_PROCESS = """
 from tests.test_compiled import is_compiled, story
@@ -28,28 +30,24 @@ print(*story(), sep="\\n")
 
 def is_compiled() -> bool:
     """Whether the modules in use are those that mypyc made."""
-    return all(str(module.__file__).endswith(".so") for module in (kernel, judge))
+    return all(str(module.__file__).endswith(".so") for module in (kernel, judge, ledger))
 
 
 def story() -> list[str]:
-    """Traces of a drive and of storms, and what the oracle makes of them."""
-    drive = Drive(7).go(3.0)
-    drive.run(2.0)
-    lines = [drive.world.trace.sha256]
+    """What campaign's seeds come to, traces and verdicts and all, and what an oracle makes of
+    storms that it is not told of: every emergency looks like a false one."""
+    lines = []
     for seed in SEEDS:
-        stormy, report = weather(seed)
-        lines.append(f"{stormy.drive.world.trace.sha256} {report!r}")
-    return [*lines, repr(_untold())]
-
-
-def _untold() -> object:
-    """A storm of which the oracle is not told: every emergency looks like a false one."""
-    stormy = Stormy(UNTOLD_SEED)
-    stormy.injector.listeners.clear()
-    begin_s = stormy.drive.world.now_ns * 1e-9
-    report = stormy.run(storm(np.random.default_rng(UNTOLD_SEED), begin_s))
-    assert report.violations, "nothing to compare"
-    return report
+        result = run_seed(SETTINGS, seed)
+        assert result.injections
+        lines.append(repr(replace(result, cpu_s=0.0)))
+    scenario = build(SETTINGS, UNTOLD_SEED)
+    scenario.injector.plan(faults_of(SETTINGS, UNTOLD_SEED))
+    scenario.injector.listeners.clear()
+    scenario.world.run_until(round(SETTINGS.seed_s * 1e9))
+    untold = scenario.oracle.finish(scenario.world.now_ns)
+    assert untold.violations, "nothing to compare"
+    return [*lines, repr(untold)]
 
 
 def test_modules_that_stay_interpreted_exist() -> None:
