@@ -217,11 +217,9 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
     def _decision_age_ns(self, now_ns: int) -> int:
         """Age of the planner's decision: as the frame told, and since the frame came."""
         message = self.endpoint.newest(self._command_name)
-        if message is None:
+        if message is None or math.isnan(message.content.decision_age_ms):
             return NEVER_NS
         told_ms: float = message.content.decision_age_ms
-        if math.isnan(told_ms):
-            return NEVER_NS
         return round(told_ms) * NS_PER_MS + now_ns - message.arrival_ns
 
     def _valid_command(self, now_ns: int) -> Any:
