@@ -45,6 +45,11 @@ class FrameFaults:
                 return self._follow(fault)
         return self._tamper(fault)
 
+    @property
+    def is_on_wire(self) -> bool:
+        """Whether frames are to be disturbed on the wire."""
+        return bool(self._on_wire)
+
     def disturb(self, frame: Frame) -> Disturbance | None:
         """What happens on the wire to a frame that begins now."""
         for fault in self._on_wire:

@@ -76,7 +76,6 @@ class Injector:
         self._wiring = WiringFaults(world, rng, self._overlays)
         self._undo: dict[int, tuple[Injection, Undo]] = {}
         self._noise: list[Fault] = []
-        world.wire.disturbers.append(self._disturb)
 
     def plan(self, faults: list[Fault]) -> None:
         """Faults whose times are still to come."""
@@ -104,6 +103,7 @@ class Injector:
         for listener in self.listeners:
             listener(true_ns, fault, True)
         undo = self._apply(fault, true_ns)
+        self._attend()
         number = len(self.injections)
         if KINDS[fault.kind].is_instant:
             undo(true_ns)
@@ -135,8 +135,17 @@ class Injector:
         injection, undo = self._undo.pop(number)
         injection.end_ns = true_ns
         undo(true_ns)
+        self._attend()
         for listener in self.listeners:
             listener(true_ns, injection.fault, False)
+
+    def _attend(self) -> None:
+        """Looks at every frame on the wire only while some are to be disturbed: that is dear."""
+        disturbers, is_needed = self._world.wire.disturbers, self._noise or self._frames.is_on_wire
+        if is_needed and self._disturb not in disturbers:
+            disturbers.append(self._disturb)
+        elif not is_needed and self._disturb in disturbers:
+            disturbers.remove(self._disturb)
 
     def _apply(self, fault: Fault, true_ns: int) -> Undo:
         strikes = KINDS[fault.kind].strikes

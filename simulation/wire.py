@@ -263,7 +263,9 @@ class Wire:
         if frame.kind is FrameKind.FD:
             return foreign_format()
         self._current += self._arbitration.take_twins(first)
-        error = collided([entry[3] for entry in self._current])
+        error = None
+        if len(self._current) > 1:
+            error = collided([entry[3] for entry in self._current])
         if error is None and self._on_bus <= len(self._current):
             error = not_acknowledged(frame)
         for disturb in self.disturbers:
