@@ -43,6 +43,13 @@ CYCLIC = frozenset({
 FULL_LOAD_PER_S = 12_000.0
 """More frames of identifier 0 than 500 kbit/s carry: nothing else gets through."""
 PATH = "path error bounded"
+OF_MODES = frozenset({
+    "modes in order", "engaged in order", "emergency latched until the reset",
+    "codes latched until the reset", "a node rejoins only by re-arming",
+    "start-up ends in MANUAL with PERMIT",
+})
+"""What is judged by the supervisor's word, when that is heard too late."""
+TORQUE_STAYS = frozenset({"no drive torque while emergency braking"})
 BRAKE_IS_BROKEN = frozenset({
     "brake kept in an emergency", "hazard ends braked at a standstill",
     "no drive torque while emergency braking",
@@ -96,7 +103,7 @@ def _of_message(fault: Fault) -> Expectation:
 def _delay(fault: Fault) -> Expectation:
     """What is heard late is heard in another order than it was said and done."""
     if fault.target == "SUPERVISOR_STATE":
-        return Expectation(excuses=frozenset({"modes in order"}))
+        return Expectation(excuses=OF_MODES)
     if fault.target.endswith("_STATUS"):
         return Expectation(excuses=frozenset({"only intact commands are applied"}))
     return ANYTHING
@@ -116,6 +123,7 @@ def _actuator(fault: Fault) -> Expectation:
     return {
         "BrakeServo": Expectation(excuses=BRAKE_IS_BROKEN),
         "Steering": OFF_THE_PATH,
+        "Throttle": Expectation(excuses=TORQUE_STAYS),
     }.get(fault.target, ANYTHING)
 
 
@@ -135,7 +143,10 @@ RULES: dict[FaultKind, Rule] = {
     _K.SPOOF: _of_message,
     _K.CRASH: _always(BRAKES_IF_SILENT),
     _K.FREEZE: _always(BRAKES_IF_SILENT),
-    _K.SLOW_STEP: _if(lambda fault: fault.value > SILENT_MS, BRAKES_IF_SILENT, ANYTHING),
+    _K.SLOW_STEP: _if(  # a decision steps the gateway at once, however slow its own cycle is
+        lambda fault: fault.value > SILENT_MS and fault.target != "Gateway",
+        BRAKES_IF_SILENT, ANYTHING,
+    ),
     _K.JITTER: _if(lambda fault: fault.value <= 4.0, GOES_ON, ANYTHING),
     _K.RESTART: _if(lambda f: f.value >= SILENT_MS * S_PER_MS, BRAKES_IF_SILENT, ANYTHING),
     _K.CLOCK_JUMP: _always(ANYTHING),

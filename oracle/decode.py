@@ -17,7 +17,7 @@ from e2e.p01 import e2e_p01_check
 
 from canbus.frame import Frame, FrameKind
 from dbc.database import VEHICLE_DBC, load
-from oracle.words import NEVER_NS, NS_PER_MS
+from oracle.words import GAP_NS, NEVER_NS, NS_PER_MS
 
 COUNTER_MODULO: Final = 15
 COUNTER_BYTE: Final = 1
@@ -123,6 +123,7 @@ class Channel:
         newest, newest_ns: The last message that may be used, whoever sent it, and when it came.
         is_news: The last frame tells something else than the one before it, or is odd.
         before_ns: When an intact frame of the true sender was heard before the last one.
+        resumed_ns: When one was last heard after a gap that may hide others (`GAP_NS`).
     """
 
     def __init__(self, message: Any) -> None:
@@ -141,6 +142,7 @@ class Channel:
         self.newest_ns = NEVER_NS
         self.is_news = True
         self.before_ns = NEVER_NS
+        self.resumed_ns = NEVER_NS
         self._last: Values | None = None
         self._fields = tuple(_field(s) for s in message.signals if s.name not in PROTECTION)
         self._of_all: CounterRule | None = None
@@ -156,7 +158,10 @@ class Channel:
         known = self._known.get(data) or self._learn(data)
         if known is None:
             return self._hear_odd(now_ns, sender, frame)
-        self.before_ns, self.heard_ns = self.heard_ns, now_ns
+        before_ns, self.heard_ns = self.heard_ns, now_ns
+        self.before_ns = before_ns
+        if NEVER_NS < before_ns < now_ns - GAP_NS:
+            self.resumed_ns = now_ns
         counter, message = known
         if not self._is_in_sequence(counter, True):
             self.is_news, self._last = True, None

@@ -57,7 +57,8 @@ class CodesLatched(Property):
             names = ", ".join(f"ER{n}" for n in range(7) if lost >> n & 1)
             self.violated(now_ns, f"{node} no longer tells {names}, epoch {self._epoch}")
         self._latched[node] &= codes
-        if is_at_work and was_at_work and now_ns - self._raised_ns > RESET_NS:
+        is_settled = now_ns - self._raised_ns > RESET_NS and not self.scene.was_unheard(now_ns)
+        if is_at_work and was_at_work and is_settled:
             self._latched[node] |= codes & ~codes_before
 
 
@@ -106,11 +107,12 @@ class EmergencyLatched(Property):
         if all(booted_ns.get(node, -1) > since_ns for node in (*AXES.values(), "Supervisor")):
             return []
         speed_mps = scene.sample.speed_mps
+        was_unheard = scene.was_unheard(now_ns)
         rules = (
-            (scene.mode is not Mode.MANUAL, "not to MANUAL"),
+            (not was_unheard and scene.mode is not Mode.MANUAL, "not to MANUAL"),
             (scene.epoch != (self._epoch + 1) % EPOCHS, f"epoch {self._epoch} -> {scene.epoch}"),
             (abs(speed_mps) > self.settings.standing_mps, f"at {speed_mps:.2f} m/s"),
-            (not (self._is_asked(now_ns) or scene.was_unheard(now_ns)), "nobody asked"),
+            (not (was_unheard or self._is_asked(now_ns)), "nobody asked"),
         )
         return [text for holds, text in rules if holds]
 

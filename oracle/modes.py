@@ -8,9 +8,9 @@ from oracle.deadlines import Deadline
 from oracle.decode import Message
 from oracle.property import Complain, Once, Property
 from oracle.sample import Sample
-from oracle.scene import GAP_NS, Scene
+from oracle.scene import Scene
 from oracle.settings import Settings
-from oracle.words import DRIVING, NEVER_NS, NS_PER_MS, Mode
+from oracle.words import DRIVING, GAP_NS, NEVER_NS, NS_PER_MS, Mode
 
 _M = Mode
 MAY_FOLLOW: Final[dict[Mode, frozenset[Mode]]] = {

@@ -9,7 +9,7 @@ from oracle.property import Complain, Property, ms
 from oracle.sample import Sample
 from oracle.scene import Scene
 from oracle.settings import SILENT_NS, Settings
-from oracle.words import AXES, HEARTBEATS, NS_PER_MS, HeartbeatState, NodeState
+from oracle.words import AXES, HEARTBEATS, NEVER_NS, NS_PER_MS, HeartbeatState, NodeState
 
 COMMAND_SILENT_NS: Final = 115 * NS_PER_MS
 """The gateway's frames come every 20 ms and time out after 100."""
@@ -46,6 +46,9 @@ class RejoinsByRearming(Property):
         super().__init__(scene, settings, complain)
         self._channels = [(scene.channels[name], span) for name, span in SILENT_NS_OF.items()]
         self._state = scene.channels["SUPERVISOR_STATE"]
+        self._drivers = {
+            node: scene.channels[f"{prefix}_DRIVER"] for prefix, node in AXES.items()
+        }
         self._away: set[str] = set()
         self._back: dict[str, tuple[int, int]] = {}  # node: drive, since when it is back
         self._is_active: dict[str, bool] = {}
@@ -90,10 +93,15 @@ class RejoinsByRearming(Property):
             back_ns = now_ns - since_ns
             if drive != scene.drive:
                 continue
-            if back_ns > OBEY_NS and self._is_active.get(node):
+            if back_ns > OBEY_NS and self._drives(node):
                 self._tell(now_ns, node, f"ACTIVE {ms(back_ns)} after it came back")
             elif self._state.heard_ns - since_ns > LEAVE_NS:  # the supervisor still says so
                 self._tell(now_ns, node, f"{scene.mode.name} goes on after it was away")
+
+    def _drives(self, node: str) -> bool:
+        """It says so, and has said anything since its last boot-up."""
+        is_active = self._is_active.get(node, False)
+        return is_active and self._drivers[node].heard_ns > self.scene.booted_ns.get(node, NEVER_NS)
 
     def _tell(self, now_ns: int, node: str, text: str) -> None:
         key = node, self.scene.drive

@@ -27,8 +27,6 @@ from oracle.words import (
 )
 
 MODES: Final = dict(enumerate(Mode))
-GAP_NS: Final = 25 * NS_PER_MS
-"""Two states of the supervisor further apart may hide a third."""
 UNHEARD_NS: Final = 200 * NS_PER_MS
 """After such a gap what is heard may tell of what happened within it."""
 
@@ -101,7 +99,7 @@ class Scene:
         self.cause_ns = NEVER_NS
         self.cause = "nothing"
         self.fault_ns = NEVER_NS
-        self._unheard_ns = NEVER_NS
+        self._state = self.channels["SUPERVISOR_STATE"]
         self._reactions: dict[str, Callable[[int, Message], None]] = {
             "SUPERVISOR_STATE": self._on_state,
             "MODE_REQUEST": self._on_request,
@@ -132,7 +130,7 @@ class Scene:
 
     def was_unheard(self, now_ns: int) -> bool:
         """Whether states of the supervisor are missing just before those that are heard now."""
-        return now_ns - self._unheard_ns <= UNHEARD_NS
+        return now_ns - self._state.resumed_ns <= UNHEARD_NS
 
     def note_cause(self, now_ns: int, cause: str) -> None:
         """A reason for an emergency brake."""
@@ -196,9 +194,6 @@ class Scene:
     def _on_state(self, now_ns: int, message: Message) -> None:
         values = message.values
         mode = MODES[int(values["mode"])]
-        before_ns = self.channels["SUPERVISOR_STATE"].before_ns
-        if NEVER_NS < before_ns < now_ns - GAP_NS:
-            self._unheard_ns = now_ns
         self.epoch = int(values["reset_epoch"])
         self.decision_limit_ns = int(values["decision_age_ms_max"] * 1e6)
         if mode is Mode.EMERGENCY:

@@ -95,3 +95,5 @@ NEVER_NS: Final = -(1 << 62)
 """Long before anything."""
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
+GAP_NS: Final = 25 * NS_PER_MS
+"""Two states of the supervisor further apart may hide a third."""

@@ -28,7 +28,11 @@ FAULT_PRIORITY = -1
 """A fault of this instant is there before anything else happens in it."""
 STRANGER = "stranger"
 FLOODER = "flooder"
-POWER_CUTS = frozenset({FaultKind.RESTART, FaultKind.BROWN_OUT})
+LINGERS_NS = {
+    FaultKind.RESTART: NS_PER_S, FaultKind.BROWN_OUT: NS_PER_S,  # until there is power again
+    FaultKind.REPLAY: NS_PER_S, FaultKind.DELAY: NS_PER_MS,  # until the last frame has gone
+}
+"""How long a fault stays after its end, for each unit of its value."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -115,15 +119,15 @@ class Injector:
             self._world.kernel.at(end_ns, FAULT_PRIORITY, partial(self._end, number))
 
     def _end_later(self, injection: Injection, true_ns: int) -> None:
-        """What happens once is over at once, but a power cut when there is power again."""
+        """A fault is over when all that it has set off is, which is what listeners are told."""
         fault = injection.fault
-        span_ns = round(fault.value * NS_PER_S) if fault.kind in POWER_CUTS else 0
 
         def end(now_ns: int) -> None:
             injection.end_ns = now_ns
             for listener in self.listeners:
                 listener(now_ns, fault, False)
 
+        span_ns = round(fault.value * LINGERS_NS.get(fault.kind, 0))
         if span_ns:
             self._world.kernel.at(true_ns + span_ns, FAULT_PRIORITY, end)
         else:
@@ -133,11 +137,9 @@ class Injector:
         if number not in self._undo:
             return  # healed before
         injection, undo = self._undo.pop(number)
-        injection.end_ns = true_ns
         undo(true_ns)
         self._attend()
-        for listener in self.listeners:
-            listener(true_ns, injection.fault, False)
+        self._end_later(injection, true_ns)
 
     def _attend(self) -> None:
         """Looks at every frame on the wire only while some are to be disturbed: that is dear."""
