@@ -112,6 +112,54 @@ def test_a_fault_begins_and_ends_at_its_times_and_is_told() -> None:
     assert len(told) == 2
 
 
+@pytest.mark.parametrize(
+    ("fault", "over_s"),
+    [
+        (Fault(kind=K.REPLAY, target=STATUS, for_s=0.1, value=0.3), 0.4),
+        (Fault(kind=K.DELAY, target=STATUS, for_s=0.1, value=50.0), 0.15),
+        (Fault(kind=K.RESTART, target="Steering", value=0.2), 0.2),
+        (Fault(kind=K.BROWN_OUT, value=0.25), 0.25),
+        (Fault(kind=K.BUS_OFF, target="Steering"), 0.0),
+        (Fault(kind=K.DROP, target=STATUS, for_s=0.1), 0.1),
+    ],
+)
+def test_a_fault_is_over_when_all_that_it_has_set_off_is(fault: Fault, over_s: float) -> None:
+    case = Case()
+    begin_ns = case.world.now_ns
+    told: list[tuple[int, bool]] = []
+    case.injector.listeners.append(lambda ns, fault, is_begin: told.append((ns, is_begin)))
+    case.injector.begin(fault)
+    case.run(1.0)
+    end_ns = begin_ns + round(over_s * 1e9)
+    assert told == [(begin_ns, True), (end_ns, False)]
+    assert case.injector.injections[0].end_ns == end_ns
+
+
+def test_the_wire_asks_about_disturbances_only_while_there_are_some() -> None:
+    case = Case()
+    disturbers = case.world.wire.disturbers
+    assert not disturbers
+    case.inject(K.NOISE, for_s=0.1, share=0.1).inject(
+        K.CORRUPT_ON_WIRE, STATUS, for_s=0.2, share=0.1
+    )
+    assert len(disturbers) == 1
+    case.run(0.15)
+    assert len(disturbers) == 1
+    case.run(0.1)
+    assert not disturbers
+
+
+def test_every_corrupted_frame_is_told_beside_what_was_sent() -> None:
+    case = Case()
+    told: list[tuple[str, Frame, Frame]] = []
+    case.injector.corruption_listeners.append(lambda *item: told.append(item))
+    case.inject(K.CORRUPT_BEFORE_CRC, STATUS, for_s=0.1).run(0.2)
+    assert 9 <= len(told) <= 11
+    for sender, sent, heard in told:
+        bits = int.from_bytes(sent.data, "little") ^ int.from_bytes(heard.data, "little")
+        assert sender == "Steering" and bits.bit_count() == 1
+
+
 def test_faults_of_one_thing_overlap_and_end_in_any_order() -> None:
     world = World(TABBY, seed=1)
     faults = injector(world)
