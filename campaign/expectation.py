@@ -52,7 +52,8 @@ OF_MODES = frozenset({
 TORQUE_STAYS = frozenset({"no drive torque while emergency braking"})
 BRAKE_IS_BROKEN = frozenset({
     "brake kept in an emergency", "hazard ends braked at a standstill",
-    "no drive torque while emergency braking",
+    "no drive torque while emergency braking", "hazard answered in time",
+    "no old decision is obeyed",
 })
 """What no software keeps when the servo itself does not do as it is told."""
 

@@ -36,6 +36,8 @@ ENGAGE_RETRY_NS = 200_000_000
 LEAD_S = 0.25
 """How far ahead of the road the curvature is asked for: the steering's own lag."""
 DAMPING = 0.9
+LOST: Final = frozenset({FaultKind.PLANNER_ABSURD, FaultKind.PLANNER_OSCILLATING})
+"""They lead the car off its road."""
 
 
 class Pilot:
@@ -69,6 +71,7 @@ class Pilot:
         self._ready_ns = 0
         self._release_ns: int | None = None
         self._decided_ns = 0
+        self._is_lost = False
         first_ns = int(rng.integers(PERIOD_NS))
         world.kernel.at(world.now_ns + first_ns, PRIORITY, self._tick)
 
@@ -92,12 +95,13 @@ class Pilot:
 
     def _drive(self, now_ns: int, *, is_new: bool) -> None:
         chassis, route = self._chassis, self.route
-        if is_new:
+        fault = self._fault()
+        was_lost, self._is_lost = self._is_lost, fault is not None and fault.kind in LOST
+        if is_new or (was_lost and not self._is_lost):  # it plans anew from where it has come to
             route.begin(chassis.x_m, chassis.y_m, chassis.heading_rad)
         route.go_on(chassis.x_m, chassis.y_m, chassis.heading_rad, chassis.speed_mps,
                     PERIOD_NS / NS_PER_S)
         speed_mps, curvature_per_m = route.speed_mps, self._curvature_per_m()
-        fault = self._fault()
         if fault is not None:
             is_due = now_ns - self._decided_ns >= fault.value * 1e6
             if fault.kind is FaultKind.PLANNER_FROZEN or (

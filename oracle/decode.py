@@ -123,7 +123,7 @@ class Channel:
         newest, newest_ns: The last message that may be used, whoever sent it, and when it came.
         is_news: The last frame tells something else than the one before it, or is odd.
         before_ns: When an intact frame of the true sender was heard before the last one.
-        resumed_ns: When one was last heard after a gap that may hide others (`GAP_NS`).
+        lost_ns, resumed_ns: The last gap that may hide others (`GAP_NS`), from frame to frame.
     """
 
     def __init__(self, message: Any) -> None:
@@ -142,7 +142,7 @@ class Channel:
         self.newest_ns = NEVER_NS
         self.is_news = True
         self.before_ns = NEVER_NS
-        self.resumed_ns = NEVER_NS
+        self.lost_ns = self.resumed_ns = NEVER_NS
         self._last: Values | None = None
         self._fields = tuple(_field(s) for s in message.signals if s.name not in PROTECTION)
         self._of_all: CounterRule | None = None
@@ -161,7 +161,7 @@ class Channel:
         before_ns, self.heard_ns = self.heard_ns, now_ns
         self.before_ns = before_ns
         if NEVER_NS < before_ns < now_ns - GAP_NS:
-            self.resumed_ns = now_ns
+            self.lost_ns, self.resumed_ns = before_ns, now_ns
         counter, message = known
         if not self._is_in_sequence(counter, True):
             self.is_news, self._last = True, None

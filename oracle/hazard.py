@@ -10,7 +10,8 @@ class Hazard:
     """One cause that calls for the brake, and when what followed."""
 
     __slots__ = (
-        "began_ns", "budget_ns", "emergency_ns", "full_ns", "is_end_told", "is_late_told",
+        "began_ns", "budget_ns", "emergency_ns", "full_ns", "is_end_told", "is_excused",
+        "is_late_told",
         "is_over", "is_planners", "kind", "setpoint_ns", "speed_mps", "standstill_ns", "target",
     )
 
@@ -30,6 +31,7 @@ class Hazard:
         self.standstill_ns: int | None = None
         self.is_over = False  # the driver has the car, or the cause went before it was due
         self.is_late_told = False
+        self.is_excused = False
         self.is_end_told = False
 
     @property
@@ -43,7 +45,8 @@ class Hazard:
             kind=self.kind, target=self.target, true_ns=self.began_ns,
             emergency_ms=self._since(self.emergency_ns), setpoint_ms=self._since(self.setpoint_ns),
             brake_ms=self._since(self.full_ns), standstill_ms=self._since(self.standstill_ns),
-            is_missed=self.is_late_told, is_moot=self.is_over and not self.is_answered,
+            is_missed=self.is_late_told and not self.is_excused,
+            is_moot=self.is_over and not self.is_answered,
         )
 
     def _since(self, time_ns: int | None) -> float | None:

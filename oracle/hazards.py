@@ -126,6 +126,7 @@ class HazardAnswered(Property):
         late_ns = now_ns - hazard.began_ns - hazard.budget_ns
         if late_ns > 0 and not hazard.is_answered and not hazard.is_late_told:
             hazard.is_late_told = True
+            hazard.is_excused = self.scene.excuse(now_ns, self.name) is not None
             self.violated(now_ns, f"{hazard}: no answer within {ms(hazard.budget_ns)}")
 
     def _forget(self) -> None:

@@ -36,6 +36,9 @@ class CodesLatched(Property):
         self._raised_ns = 0
         self._latched = dict.fromkeys(AXES.values(), 0)
         self._before = dict.fromkeys(AXES.values(), (0, False))
+        self._status = {
+            node: scene.channels[f"{prefix}_STATUS"] for prefix, node in AXES.items()
+        }
 
     def on_message(self, now_ns: int, message: Message) -> None:
         """Compares the codes with those that the node has latched."""
@@ -57,7 +60,10 @@ class CodesLatched(Property):
             names = ", ".join(f"ER{n}" for n in range(7) if lost >> n & 1)
             self.violated(now_ns, f"{node} no longer tells {names}, epoch {self._epoch}")
         self._latched[node] &= codes
-        is_settled = now_ns - self._raised_ns > RESET_NS and not self.scene.was_unheard(now_ns)
+        status = self._status[node]
+        was_away = status.lost_ns <= self._raised_ns <= status.resumed_ns  # when it was raised
+        told_ns = status.resumed_ns if was_away else self._raised_ns
+        is_settled = now_ns - told_ns > RESET_NS and not self.scene.was_unheard(now_ns)
         if is_at_work and was_at_work and is_settled:
             self._latched[node] |= codes & ~codes_before
 
