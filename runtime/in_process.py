@@ -20,7 +20,7 @@ from runtime.harness import HANDS_OFF, HarnessPort, harness_frame
 from runtime.node_process import NodeResult, run_node
 from runtime.nodes import NODES, PLANT, STOP_ORDER, build_node, build_wires, node_entry
 from runtime.plant_process import ACCEPTANCE, PLANT_NODE, PlantSide, build_car, run_plant
-from runtime.realtime import RealtimeSettings, apply_realtime
+from runtime.realtime import RealtimeSettings, apply_realtime, keep_collections_short
 from simulation.plant.state import Pose, Truth
 from vehicles import Vehicle
 
@@ -138,8 +138,7 @@ class InProcessStack:
             self._buses = buses.pop_all()
         self._workers = workers
         self._old_switch_interval_s = sys.getswitchinterval()
-        gc.collect()
-        gc.freeze()  # or a full collection would stop every node for three cycles
+        keep_collections_short()
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         workers[PLANT].thread.start()
         self._plant_is_up.wait(JOIN_S_MAX)  # a car has its sensors before its nodes boot

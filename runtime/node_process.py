@@ -6,7 +6,6 @@ main of a process (SocketCAN). It neither polls nor catches up.
 
 from __future__ import annotations
 
-import gc
 import os
 import traceback
 from collections.abc import Callable, Sequence
@@ -22,7 +21,7 @@ from runtime.harness import ActuatorPort, HarnessPort
 from runtime.nodes import build_node, build_wires, node_entry
 from runtime.pacing import Pacer
 from runtime.process_settings import ProcessSettings
-from runtime.realtime import apply_realtime
+from runtime.realtime import apply_realtime, keep_collections_short
 from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
 
@@ -247,8 +246,7 @@ def run_node_process(settings: ProcessSettings, report: Report) -> NodeResult:
         report(Event(time_ns=now_ns, node=node.name, kind=EventKind.STATE, text=complaint))
     service = ServiceNotify(os.environ)
     with StopRequest() as stop, bus, harness:
-        gc.collect()
-        gc.freeze()  # what is loaded stays: the collector's pauses shrink to the cycle's own
+        keep_collections_short()
         result = run_node(
             node,
             bus,

@@ -7,7 +7,6 @@ busy machine) must not look like an ECU that is dead: time that passes unseen is
 
 from __future__ import annotations
 
-import gc
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -44,7 +43,7 @@ from runtime.node_process import NodeResult, Report, StopFlag, one_line
 from runtime.nodes import PLANT_PHASE_NS
 from runtime.pacing import Pacer
 from runtime.process_settings import ProcessSettings
-from runtime.realtime import apply_realtime
+from runtime.realtime import apply_realtime, keep_collections_short
 from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
 from simulation.plant.car import ORIGIN, Car
@@ -302,8 +301,7 @@ def run_plant_process(
     service = ServiceNotify(os.environ)
     plant = PlantSide(car, start_ns)
     with StopRequest() as stop, bus:
-        gc.collect()
-        gc.freeze()  # as the nodes do: on one processor its pauses would be theirs
+        keep_collections_short()
         result = run_plant(plant, bus, monotonic_ns, stop, report, alive=service.alive)
         service.stopping()
         return result

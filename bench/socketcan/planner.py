@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 from multiprocessing.connection import Connection
 from typing import NamedTuple
@@ -10,7 +9,7 @@ from typing import NamedTuple
 from dbc.messages import Mode
 from gateway.connect import connect
 from gateway.errors import EngageRefused, ResetRefused
-from runtime.realtime import RealtimeSettings, apply_realtime
+from runtime.realtime import RealtimeSettings, apply_realtime, keep_collections_short
 from runtime.stopping import StopRequest
 
 PERIOD_S = 0.02
@@ -32,8 +31,7 @@ class View(NamedTuple):
 def plan(channel: str, control: Connection) -> None:
     """Decides at 50 Hz from the moment it is told to engage; ends at SIGTERM."""
     apply_realtime(RealtimeSettings())  # as the nodes: the gateway is one, and lives in here
-    gc.collect()
-    gc.freeze()  # as the nodes: a collection of all that this fork has inherited takes 0.1 s
+    keep_collections_short()
     ticks, distance_m, is_driving = 0, 0.0, False
     with StopRequest() as stop, connect("socketcan", channel, planner_period_s=PERIOD_S) as car:
         for state in car.ticks(PERIOD_S):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ from gateway.api import Car
 from gateway.connect import connect
 from gateway.errors import DisengageFailed, EngageRefused, ResetRefused
 from gateway.state import CarState
+from runtime.realtime import keep_collections_short
 
 PERIOD_S = 0.02
 ANSWER_S_MAX = 40.0
@@ -29,8 +29,7 @@ class View(NamedTuple):
 def planner_main(channel: str, control: Connection) -> None:
     """Decides at 50 Hz while it is told to."""
     target: tuple[float, float] | None = None
-    gc.collect()
-    gc.freeze()  # as the nodes do: collecting what was imported would take some 100 ms here
+    keep_collections_short()
     with connect("socketcan", channel, planner_period_s=PERIOD_S) as car:
         for state in car.ticks(PERIOD_S):
             while control.poll():

@@ -15,6 +15,7 @@ from runtime.clock import monotonic_ns
 from runtime.node_process import run_node_process
 from runtime.plant_process import ACCEPTANCE, PlantSide, build_car, run_plant
 from runtime.process_settings import ProcessSettings
+from runtime.realtime import apply_realtime, keep_collections_short
 from runtime.stopping import StopRequest
 from simulation.plant.state import PlantFaults, Truth
 from tests.vcan.namespaces import enter
@@ -43,6 +44,7 @@ def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> Non
     """The car's process; `(name, value)` on the pipe breaks something."""
     _redirect(log)
     vehicle = settings.load_vehicle()
+    apply_realtime(settings.realtime)
     start_ns = monotonic_ns()
     car = build_car(vehicle, seed=1, start_ns=start_ns)
     plant = PlantSide(car, start_ns)
@@ -60,6 +62,7 @@ def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> Non
                 setattr(car.faults, name, value)
 
     with StopRequest() as stop, settings.harness_bus(vehicle, ACCEPTANCE) as bus:
+        keep_collections_short()
         run_plant(plant, bus, monotonic_ns, stop, _say, on_cycle)
 
 

@@ -5,7 +5,6 @@ One story on one stack, in the order of the tests: starting seven Pythons is wha
 
 from __future__ import annotations
 
-import gc
 import signal
 import subprocess
 import sys
@@ -30,6 +29,7 @@ from planner.errors import tracking_errors
 from planner.road import open_road
 from runtime.launch import known_channels
 from runtime.nodes import NODES, STOP_ORDER
+from runtime.realtime import keep_collections_short
 from tests.vcan.bus_log import HARNESS_BUS, Line, candump, read_log
 from tests.vcan.stack import VEHICLE, VEHICLE_BUS, pause
 from vehicles import load_vehicle
@@ -83,8 +83,7 @@ def plan() -> DrivePlan:
         vehicle=load_vehicle(VEHICLE), road=open_road("campus"),
         planner_period_ns=PLANNER_PERIOD_NS, distance_m=SEGMENT_M,
     )
-    gc.collect()
-    gc.freeze()  # as the nodes do
+    keep_collections_short()
     return plan
 
 
