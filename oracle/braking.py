@@ -52,9 +52,9 @@ class NoDriveWhileBraking(Property):
         braking_ns = now_ns - since_ns
         if braking_ns <= settings.drive_cut_ns:
             return
-        torque_nm = sample.motor_torque_nm
+        torque_nm = sample.drive_torque_nm  # regeneration that fades would uncover the rest
         allowed_nm = self._lowest_nm if braking_ns <= settings.drive_gone_ns else 0.0
-        self._lowest_nm = max(min(self._lowest_nm, torque_nm), 0.0)
+        self._lowest_nm = min(self._lowest_nm, torque_nm)
         if self._once.begins(torque_nm > allowed_nm + settings.drive_torque_nm_max):
             self.violated(now_ns, f"{torque_nm:.1f} N.m {ms(braking_ns)} after the brake's call")
 

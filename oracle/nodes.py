@@ -93,15 +93,16 @@ class RejoinsByRearming(Property):
             back_ns = now_ns - since_ns
             if drive != scene.drive:
                 continue
-            if back_ns > OBEY_NS and self._drives(node):
+            if back_ns > OBEY_NS and self._drives(node, since_ns):
                 self._tell(now_ns, node, f"ACTIVE {ms(back_ns)} after it came back")
             elif self._state.heard_ns - since_ns > LEAVE_NS:  # the supervisor still says so
                 self._tell(now_ns, node, f"{scene.mode.name} goes on after it was away")
 
-    def _drives(self, node: str) -> bool:
-        """It says so, and has said anything since its last boot-up."""
+    def _drives(self, node: str, since_ns: int) -> bool:
+        """It says so, and has said anything since it is back and since its last boot-up."""
         is_active = self._is_active.get(node, False)
-        return is_active and self._drivers[node].heard_ns > self.scene.booted_ns.get(node, NEVER_NS)
+        booted_ns = self.scene.booted_ns.get(node, NEVER_NS)
+        return is_active and self._drivers[node].heard_ns > max(since_ns, booted_ns)
 
     def _tell(self, now_ns: int, node: str, text: str) -> None:
         key = node, self.scene.drive

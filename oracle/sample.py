@@ -24,6 +24,7 @@ class Sample:
         servo_position_ratio: Where it is.
         brake_ratio: The brake pedal: servo or foot, whichever is further.
         motor_torque_nm: Traction motor; negative when it regenerates.
+        drive_torque_nm: What it would be without regeneration.
         relay_closed: The manual/automatic relay; closed = automatic.
         steering_torque_nm: The driver's hands on the wheel.
         throttle_pedal_ratio: The driver's foot, 0 to 1.
@@ -45,6 +46,7 @@ class Sample:
     servo_position_ratio: Final[float]
     brake_ratio: Final[float]
     motor_torque_nm: Final[float]
+    drive_torque_nm: Final[float]
     relay_closed: Final[bool]
     steering_torque_nm: Final[float]
     throttle_pedal_ratio: Final[float]
@@ -68,6 +70,7 @@ class Sample:
         servo_position_ratio: float = 0.0,
         brake_ratio: float = 0.0,
         motor_torque_nm: float = 0.0,
+        drive_torque_nm: float = 0.0,
         relay_closed: bool = False,
         steering_torque_nm: float = 0.0,
         throttle_pedal_ratio: float = 0.0,
@@ -88,6 +91,7 @@ class Sample:
         self.servo_position_ratio = servo_position_ratio
         self.brake_ratio = brake_ratio
         self.motor_torque_nm = motor_torque_nm
+        self.drive_torque_nm = drive_torque_nm
         self.relay_closed = relay_closed
         self.steering_torque_nm = steering_torque_nm
         self.throttle_pedal_ratio = throttle_pedal_ratio

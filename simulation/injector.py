@@ -33,6 +33,8 @@ LINGERS_NS = {
     FaultKind.REPLAY: NS_PER_S, FaultKind.DELAY: NS_PER_MS,  # until the last frame has gone
 }
 """How long a fault stays after its end, for each unit of its value."""
+REJOIN_NS = 200 * NS_PER_MS
+"""A controller that was driven off the bus waits 100 ms, counts, and is back within this."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -128,6 +130,8 @@ class Injector:
                 listener(now_ns, fault, False)
 
         span_ns = round(fault.value * LINGERS_NS.get(fault.kind, 0))
+        if fault.kind is FaultKind.BUS_OFF:
+            span_ns = REJOIN_NS
         if span_ns:
             self._world.kernel.at(true_ns + span_ns, FAULT_PRIORITY, end)
         else:

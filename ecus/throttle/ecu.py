@@ -94,7 +94,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         if self._action in (ThrottleAction.IDLE, ThrottleAction.CUT):
             return IDLE
         if self._action is ThrottleAction.REGENERATE:
-            if self._speed_mps < REGEN_SPEED_MPS_MIN:
+            if not self._rolls_forward(now_ns):
                 return IDLE
             return actuator_of(-self.params.regen_deceleration_mps2_full, self.params)
         if before is ThrottleAction.IDLE:
@@ -140,6 +140,16 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         travel_ns = round(TRAVEL_MARGIN * self.params.brake_travel_s * NS_PER_S)
         is_due = now_ns - self._safe_since_ns > travel_ns
         return not is_due or status.servo_position_ratio >= BRAKED_RATIO_MIN
+
+    def _rolls_forward(self, now_ns: int) -> bool:
+        """By the faster axle: the encoder of one may be dead, or its wheel locked."""
+        if self._speed_mps >= REGEN_SPEED_MPS_MIN:
+            return True
+        status = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        if status is None or not self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
+            return False
+        rear_mps = status.rear_wheel_speed_radps * self.params.wheel_radius_m
+        return self._speed_mps > -REGEN_SPEED_MPS_MIN and rear_mps >= REGEN_SPEED_MPS_MIN
 
     def _status(self) -> ThrottleStatus:
         is_following = self._action in (ThrottleAction.FOLLOW, ThrottleAction.STOP)

@@ -31,7 +31,12 @@ class DriveInput:
 
 
 class Traction:
-    """Motor torque after dead time and lag, within torque, power and speed limits."""
+    """Motor torque after dead time and lag, within torque, power and speed limits.
+
+    Attributes:
+        torque_nm: Of the motor; negative when it regenerates.
+        drive_nm: What it would be without regeneration.
+    """
 
     __slots__ = (
         "_delay_index",
@@ -49,6 +54,7 @@ class Traction:
         "_regen_ratio",
         "_speed_radps_max",
         "_torque_nm",
+        "drive_nm",
         "torque_nm",
     )
 
@@ -71,6 +77,7 @@ class Traction:
         self._delay_index = 0
         self._drive_ratio = 0.0
         self._regen_ratio = 0.0
+        self.drive_nm = 0.0
         self.torque_nm = 0.0
 
     def step(
@@ -103,7 +110,7 @@ class Traction:
         index += 1
         self._delay_index = index if index < self._delay_length else 0
         if dead:
-            self.torque_nm = 0.0
+            self.drive_nm = self.torque_nm = 0.0
             return 0.0
 
         motor_radps = abs(wheel_speed_mps) * self._motor_radps_per_mps
@@ -116,6 +123,7 @@ class Traction:
             fade = 1.0
         elif fade < -1.0:
             fade = -1.0
+        self.drive_nm = drive_nm
         torque_nm = drive_nm - regen * min(self._regen_nm, limit_nm) * fade
         self.torque_nm = torque_nm
         if torque_nm * wheel_speed_mps >= 0.0:

@@ -139,6 +139,7 @@ class Rig:
         self.wheel_speed_radps: float | None = 0.0
         """What THROTTLE_STATUS says; None: silent."""
         self.servo: float | None = 0.0
+        self.rear_wheel_speed_radps = 0.0
         """What BRAKE_STATUS says; None: silent."""
         self.speed_mps = 0.0
         self.driver_pedal = 0.0
@@ -209,7 +210,7 @@ class Rig:
             brake = BrakeStatus(
                 servo_position_ratio=self.servo,
                 applied_position_ratio=math.nan,
-                rear_wheel_speed_radps=0.0,
+                rear_wheel_speed_radps=self.rear_wheel_speed_radps,
             )
             frames.append(self.peers["BrakeServo"].frame("BRAKE_STATUS", brake))
         return frames

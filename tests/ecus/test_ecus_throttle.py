@@ -163,6 +163,21 @@ def test_regeneration_ends_at_walking_pace(speed_mps: float, regenerates: bool) 
     assert rig.output.actuator == (FULL_REGEN if regenerates else IDLE)
 
 
+@pytest.mark.parametrize(
+    ("speed_mps", "rear_mps", "regenerates"),
+    [(0.0, 3.0, True), (0.28, 0.32, True), (0.0, 0.28, False), (0.0, math.nan, False),
+     (0.0, -3.0, False), (-2.0, 3.0, False)],
+)
+def test_regeneration_goes_on_while_one_axle_rolls_forward(
+    speed_mps: float, rear_mps: float, regenerates: bool
+) -> None:
+    rig = moving(5.0)
+    rig.rear_wheel_speed_radps = rear_mps / RADIUS_M
+    rig.speed_mps = speed_mps
+    rig.emergency().steps(100)
+    assert rig.output.actuator == (FULL_REGEN if regenerates else IDLE)
+
+
 def test_bus_gone_entirely_ends_in_zero_traction_and_all_regeneration() -> None:
     rig = moving(5.0, 7.0)
     rig.mode = rig.servo = rig.age_ms = None

@@ -23,12 +23,12 @@ from tests.oracle.history import NS_PER_MS, History
 def torque_after(torque_nm: float, after_ms: float) -> list[str]:
     """Torque of 40 N.m until so long after the call, then another; gone 0.6 s after the call."""
     history = History(NoDriveWhileBraking).drive()
-    history.truth["motor_torque_nm"] = 40.0
+    history.truth["drive_torque_nm"] = 40.0
     history.call_brake()
     history.mode(Mode.EMERGENCY).run(after_ms)
-    history.truth["motor_torque_nm"] = torque_nm
+    history.truth["drive_torque_nm"] = torque_nm
     history.run(600 - after_ms)
-    history.truth["motor_torque_nm"] = 0.0
+    history.truth["drive_torque_nm"] = 0.0
     return history.run(1000).broken()
 
 
@@ -41,9 +41,18 @@ def test_drive_torque_that_fades_is_well() -> None:
     assert torque_after(20.0, 200) == []
 
 
+def test_regeneration_that_fades_uncovers_what_is_left_of_the_drive_torque() -> None:
+    history = History(NoDriveWhileBraking).drive()
+    history.truth |= {"drive_torque_nm": 20.0, "motor_torque_nm": -40.0}
+    history.call_brake()
+    history.mode(Mode.EMERGENCY).run(200)
+    history.truth |= {"drive_torque_nm": 5.0, "motor_torque_nm": 5.0}
+    assert history.run(400).broken() == []
+
+
 def test_drive_torque_must_be_gone_in_the_end() -> None:
     history = History(NoDriveWhileBraking).drive()
-    history.truth["motor_torque_nm"] = 3.0
+    history.truth["drive_torque_nm"] = 3.0
     history.call_brake()
     assert history.mode(Mode.EMERGENCY).run(670).broken() == []
     (text,) = history.run(20).broken()
@@ -54,7 +63,7 @@ def test_regeneration_and_a_driver_in_manual_are_no_drive_torque() -> None:
     history = History(NoDriveWhileBraking).drive().emergency()
     history.truth["motor_torque_nm"] = -60.0
     history.run(2000).mode(Mode.MANUAL, reset_epoch=1)
-    history.truth |= {"motor_torque_nm": 50.0, "relay_closed": False, "throttle_pedal_ratio": 0.5}
+    history.truth |= {"drive_torque_nm": 50.0, "relay_closed": False, "throttle_pedal_ratio": 0.5}
     assert history.run(1000).broken() == []
 
 

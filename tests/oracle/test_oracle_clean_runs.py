@@ -121,6 +121,7 @@ def test_an_observer_tells_the_truth(monkeypatch: pytest.MonkeyPatch) -> None:
                  "servo_position_ratio", "brake_ratio", "motor_torque_nm", "relay_closed",
                  "longitudinal_acceleration_mps2"):
         assert getattr(sample, name) == getattr(truth, name), name
+    assert sample.drive_torque_nm == drive.car.parts.traction.drive_nm
     assert (sample.throttle_pedal_ratio, sample.button_pressed) == (0.25, True)
     assert sample.path_error_m == truth.pose.y_m
     assert sample.steering_motor_powered and sample.relay_closed

@@ -207,6 +207,17 @@ def test_a_node_that_drives_on_after_a_boot_up_is_told(axis: str) -> None:
     assert "ACTIVE 60.0 ms after it came back" in text
 
 
+def test_what_a_node_said_before_it_was_away_does_not_count() -> None:
+    history = History(RejoinsByRearming).drive()
+    status, driver = (history.says.pop(name) for name in ("STEER_STATUS", "STEER_DRIVER"))
+    history.run(80)
+    history.says["STEER_STATUS"] = status
+    assert history.run(90).broken() == []
+    history.says["STEER_DRIVER"] = driver
+    history.run(10)
+    assert any("Steering: ACTIVE" in text for text in history.broken())
+
+
 def test_a_drive_that_ends_at_once_is_well_and_the_next_one_too() -> None:
     history = away("BRAKE_STATUS", 80)
     history.mode(Mode.EMERGENCY).node_states(NodeState.EMERGENCY).run(2000)

@@ -164,6 +164,7 @@ def test_regeneration_brakes_with_60_nm_and_fades_out_below_5_kmh(car: Car, driv
     drive(car, 1.0, regen=1.0)
     assert car.truth.speed_mps > 1.5
     assert car.truth.motor_torque_nm == pytest.approx(-60.0, rel=0.001)
+    assert car.parts.traction.drive_nm == pytest.approx(0.0, abs=0.01)
     # the gearbox's losses brake too: 60 N m * 5.8 / 0.94 / 0.284 m = 1304 N, 121 N rolling
     drag_n = 0.48 * car.truth.speed_mps**2
     assert car.truth.longitudinal_acceleration_mps2 == pytest.approx(

@@ -144,6 +144,15 @@ def test_a_dead_servo_is_replaced_by_all_regeneration_there_is() -> None:
     assert abs(drive.speed) < 0.5
 
 
+def test_a_dead_servo_is_replaced_though_the_drive_s_own_encoder_is_dead_too() -> None:
+    drive = Drive().go(6.0)
+    drive.car.faults.servo_stuck = True
+    drive.car.faults.motor_encoder_dead = True
+    drive.request(Request.EMERGENCY_STOP, 0.8)
+    assert drive.brake < 0.05
+    assert drive.car.truth.motor_torque_nm < -50.0  # the rear wheels' encoder says that it moves
+
+
 def test_er5_a_silent_planner_is_noticed_at_its_age_limit() -> None:
     drive = Drive().go(5.0)
     decided_ns = drive.world.now_ns - 20_000_000  # the last decision of `run`

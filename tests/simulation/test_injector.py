@@ -119,7 +119,7 @@ def test_a_fault_begins_and_ends_at_its_times_and_is_told() -> None:
         (Fault(kind=K.DELAY, target=STATUS, for_s=0.1, value=50.0), 0.15),
         (Fault(kind=K.RESTART, target="Steering", value=0.2), 0.2),
         (Fault(kind=K.BROWN_OUT, value=0.25), 0.25),
-        (Fault(kind=K.BUS_OFF, target="Steering"), 0.0),
+        (Fault(kind=K.BUS_OFF, target="Steering"), 0.2),
         (Fault(kind=K.DROP, target=STATUS, for_s=0.1), 0.1),
     ],
 )
