@@ -33,6 +33,13 @@ def emcy(
     return stack.first(since_s, is_it, limit_s)
 
 
+def latches(
+    stack: Stack, cause: str, since_s: float, node: str, code: ErrorCode, budget_s: float
+) -> None:
+    """The node's EMCY comes in time with this code."""
+    within(cause, EMCY, since_s, emcy(stack, since_s, node, code), budget_s)
+
+
 def brakes_for(
     stack: Stack, cause: str, since_s: float, code: ErrorCode, budget_s: float
 ) -> EmergencyBrake:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import signal
 import time
 
-from dbc.harness import SteeringSensorsWire, SupervisorSensorsWire
+from dbc.harness import BrakeActuatorWire, SteeringSensorsWire, SupervisorSensorsWire
 from dbc.messages import ErrorCode, Mode, Reason
-from tests.vcan.answers import EMCY, brakes_for, emcy
+from tests.vcan.answers import EMCY, brakes_for, emcy, latches
 from tests.vcan.latency import PLANNER_SILENT_S, SENSED_S, SILENT_S, within
 from tests.vcan.shell import cansend
 from tests.vcan.stack import VEHICLE, Stack, pause
 from vehicles import load_vehicle
 
-ON_TIME_S = load_vehicle(VEHICLE).brake.on_time_s_max + 2.0
+ON_TIME_S_MAX = load_vehicle(VEHICLE).brake.on_time_s_max
 
 
 def _is_stop_pressed(reading: object) -> bool:
@@ -24,6 +24,10 @@ def _is_motor_faulty(reading: object) -> bool:
     return isinstance(reading, SteeringSensorsWire) and reading.motor_fault
 
 
+def _is_servo_on(command: object) -> bool:
+    return isinstance(command, BrakeActuatorWire) and command.servo_position_ratio > 0.0
+
+
 def _is_out_of_bounds(reading: object) -> bool:
     return isinstance(reading, SteeringSensorsWire) and reading.column_angle_rad > 14.0
 
@@ -31,8 +35,7 @@ def _is_out_of_bounds(reading: object) -> bool:
 def test_er0_a_malformed_command_is_ignored_counted_and_reported(driving: Stack) -> None:
     begin_s = cansend("202#0011")  # starting the program may take longer than the answer
     since_s = driving.first(begin_s, lambda line: line.data == b"\x00\x11").time_s
-    line = emcy(driving, since_s, "Steering", ErrorCode.ER0)
-    within("ER0: malformed command", EMCY, since_s, line, SENSED_S)
+    latches(driving, "ER0: malformed command", since_s, "Steering", ErrorCode.ER0, SENSED_S)
     pause(0.3)
     assert not [line for line in driving.log(since_s) if 0x010 < line.can_id < 0x020]
     assert driving.mode is Mode.AUTOMATIC
@@ -43,20 +46,21 @@ def test_er1_the_emergency_stop_button_brakes(driving: Stack) -> None:
     since_s = driving.sensed(begin_s, _is_stop_pressed)
     message = brakes_for(driving, "ER1: emergency-stop button", since_s, ErrorCode.ER1, SENSED_S)
     assert message.reason in (Reason.EMERGENCY_STOP_INPUT, Reason.VERDICT_BRAKE)
-    emcy(driving, since_s, "Supervisor", ErrorCode.ER1)
+    latches(driving, "ER1: emergency-stop button", since_s, "Supervisor", ErrorCode.ER1, SENSED_S)
 
 
 def test_er1_the_failsafe_frame_of_anybody_brakes(driving: Stack) -> None:
     begin_s = cansend("001#")
     since_s = driving.first(begin_s, lambda line: line.can_id == 0x001).time_s
     brakes_for(driving, "ER1: FAILSAFE frame", since_s, ErrorCode.ER1, SENSED_S)
+    latches(driving, "ER1: FAILSAFE frame", since_s, "Supervisor", ErrorCode.ER1, SENSED_S)
 
 
 def test_er2_a_stopped_node_brakes(driving: Stack) -> None:
     since_s = driving.kill("throttle", signal.SIGSTOP)
     message = brakes_for(driving, "ER2: throttle, SIGSTOP", since_s, ErrorCode.ER2, SILENT_S)
     assert message.reason in (Reason.NODE_SILENT, Reason.VERDICT_BRAKE)
-    emcy(driving, since_s, "Supervisor", ErrorCode.ER2)
+    latches(driving, "ER2: throttle, SIGSTOP", since_s, "Supervisor", ErrorCode.ER2, SILENT_S)
 
 
 def test_er4_a_fault_of_the_motor_driver_brakes_and_lets_the_wheel_go(driving: Stack) -> None:
@@ -64,12 +68,15 @@ def test_er4_a_fault_of_the_motor_driver_brakes_and_lets_the_wheel_go(driving: S
     since_s = driving.sensed(begin_s, _is_motor_faulty)
     message = brakes_for(driving, "ER4: motor driver's fault", since_s, ErrorCode.ER4, SENSED_S)
     assert message.reason is Reason.MOTOR_FAULT
-    emcy(driving, since_s, "Steering", ErrorCode.ER4)
+    latches(driving, "ER4: motor driver's fault", since_s, "Steering", ErrorCode.ER4, SENSED_S)
 
 
 def test_er5_a_silent_planner_brakes(driving: Stack) -> None:
     since_s = driving.kill("planner", signal.SIGSTOP)
     brakes_for(driving, "ER5: planner, SIGSTOP", since_s, ErrorCode.ER5, PLANNER_SILENT_S)
+    latches(
+        driving, "ER5: planner, SIGSTOP", since_s, "Steering", ErrorCode.ER5, PLANNER_SILENT_S
+    )
 
 
 def test_er6_a_steering_sensor_out_of_bounds_brakes(driving: Stack) -> None:
@@ -77,14 +84,16 @@ def test_er6_a_steering_sensor_out_of_bounds_brakes(driving: Stack) -> None:
     since_s = driving.sensed(begin_s, _is_out_of_bounds)
     message = brakes_for(driving, "ER6: angle out of bounds", since_s, ErrorCode.ER6, SENSED_S)
     assert message.reason is Reason.SENSOR_OUT_OF_BOUNDS
-    emcy(driving, since_s, "Steering", ErrorCode.ER6)
+    latches(driving, "ER6: angle out of bounds", since_s, "Steering", ErrorCode.ER6, SENSED_S)
 
 
 def test_er3_a_servo_on_for_too_long_rests_at_standstill(driving: Stack) -> None:
-    driving.hands(emergency_stop_pressed=True)
+    begin_s = driving.hands(emergency_stop_pressed=True)
+    since_s = driving.sensed(begin_s, _is_servo_on)
     driving.brakes()
-    driving.event("brake_servo", "ER3", ON_TIME_S)  # searching half a minute of bus takes too long
-    emcy(driving, time.time() - 1.0, "BrakeServo", ErrorCode.ER3)
+    driving.event("brake_servo", "ER3", ON_TIME_S_MAX + 2.0)  # half a minute of bus is much to read
+    line = emcy(driving, time.time() - 1.0, "BrakeServo", ErrorCode.ER3)
+    within("ER3: servo on for too long", EMCY, since_s, line, ON_TIME_S_MAX + SENSED_S)
     driving.wait(lambda: driving.truth().servo_position_ratio < 0.1, 2.0)
     assert abs(driving.truth().speed_mps) < 0.01
     assert driving.mode is Mode.EMERGENCY

@@ -91,7 +91,7 @@ def test_no_node_hears_itself_across_namespaces(driving: Stack) -> None:
         assert f"{EventKind.FOREIGN.value}:" not in driving.said(name)
 
 
-@pytest.mark.parametrize("name", ["steering", "throttle", "supervisor"])
+@pytest.mark.parametrize("name", ["steering", "throttle", "supervisor", "safety_monitor"])
 def test_a_node_unplugged_stops_the_car_and_plugged_in_again_does_not_start_it(
     name: str, driving: Stack, namespaces: Namespaces
 ) -> None:
