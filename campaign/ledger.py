@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from campaign.expectation import SILENT_MS, TOUCH_MS, Expectation, expected
+from campaign.expectation import GRIP_SHARE, SILENT_MS, TOUCH_MS, Expectation, expected
 from campaign.result import Demand, InjectionResult, ViolationResult
 from canbus.frame import Frame
 from dbc.codec import Decoded, decode
@@ -13,6 +13,7 @@ from dbc.messages import ErrorCode, Mode
 from oracle.judge import Oracle
 from oracle.report import Reaction
 from oracle.settings import MEMORY_NS
+from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 from simulation.world import World
 
@@ -133,6 +134,7 @@ class Ledger:
             entry.budget_ms = max(entry.budget_ms, SILENT_MS)
             if ask.demand is Demand.HANDOVER:
                 entry.budget_ms = TOUCH_LATE_MS
+        entry.is_driving &= self._is_felt(fault)
         is_hazard = ask.demand is Demand.BRAKE and entry.budget_ms is not None
         self._oracle.on_fault(
             now_ns, str(fault.kind), fault.target, is_begin,
@@ -148,6 +150,12 @@ class Ledger:
                 other.is_clean &= other.brake_ns is not None  # what follows may be the new one's
             self._entries.append(entry)
             self._open.append(entry)
+
+    def _is_felt(self, fault: Fault) -> bool:
+        """A foot on a pedal that the servo has pushed down as far moves nothing."""
+        is_foot = fault.kind is FaultKind.DRIVER_GRABS and fault.target == "brake"
+        servo_ratio = self._world.car.truth.servo_position_ratio
+        return not is_foot or fault.value - servo_ratio >= GRIP_SHARE
 
     def results(self, reactions: tuple[Reaction, ...]) -> tuple[InjectionResult, ...]:
         """One for each fault, beside the oracle's word about the hazardous ones."""

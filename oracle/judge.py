@@ -58,6 +58,9 @@ PROPERTIES: Final[tuple[type[Property], ...]] = (
 )
 """All of them, in the order in which they look."""
 
+ALTERED: Final = "altered"
+"""Sender of what was changed on its way and fits its CRC-8 all the same: no node said it."""
+
 WATCHED: Final = frozenset((*OF_SCENE, *CYCLIC)).union(*(kind.watches for kind in PROPERTIES))
 """Messages that are decoded at all."""
 BATCH: Final = 200
@@ -89,6 +92,7 @@ class Oracle:
         self._strangers = 0
         self._corruptions = 0
         self._unseen = 0
+        self._altered: set[tuple[int, bytes]] = set()
         self._ids_of_scene = frozenset(by_name[name].can_id for name in OF_SCENE)
         properties = [kind(self.scene, self.settings, self._complain) for kind in PROPERTIES]
         one_sender = next(p for p in properties if isinstance(p, OneSender))
@@ -121,6 +125,9 @@ class Oracle:
         watchers = self._watchers.get(can_id)
         if watchers is None:
             return
+        if self._altered and (can_id, frame.data) in self._altered:
+            self._altered.remove((can_id, frame.data))
+            sender = ALTERED
         message = channel.hear(true_ns, sender, frame)
         if not channel.is_news:
             return
@@ -145,7 +152,9 @@ class Oracle:
             return
         self._corruptions += 1
         is_alike = heard.can_id == sent.can_id and heard.kind is sent.kind
-        self._unseen += is_alike and channel.is_intact(heard.data)
+        if is_alike and channel.is_intact(heard.data):
+            self._unseen += 1
+            self._altered.add((heard.can_id, heard.data))
 
     def on_truth(self, sample: Sample) -> None:
         """A look at the truth: every 10 ms, and after every change of what the driver does."""

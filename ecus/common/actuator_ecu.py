@@ -110,6 +110,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._is_armed = False
         self._active_since_ns = 0
         self._epoch: int | None = None
+        self._epoch_told: int | None = None
+        self._epoch_ns = -NEVER_NS
         self._is_reset = False
         self._brake_wish: Cause | None = None
         self._supervisor: SupervisorState | None = None
@@ -175,19 +177,31 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         bad_frames = self.endpoint.bad
         if bad_frames and any(bad.frame.can_id == SUPERVISOR_STATE_ID for bad in bad_frames):
             self._contested_until_ns = now_ns + CONTESTED_NS
-        state = self.endpoint.get("SUPERVISOR_STATE", SupervisorState)
-        if state is None:
+        message = self.endpoint.newest("SUPERVISOR_STATE")
+        if message is None:
             return
+        state = message.content
+        assert isinstance(state, SupervisorState)
         self._supervisor = state
         self.shell.apply_mode(state.mode)
         if state.mode not in DRIVING_MODES or not self.shell.is_operational:
             self._is_armed = self.shell.is_operational
+        if message.arrival_ns != self._epoch_ns:
+            self._hear_epoch(message.arrival_ns, state)
+
+    def _hear_epoch(self, arrival_ns: int, state: SupervisorState) -> None:
+        """A reset is what two states in a row tell: a corrupt one may fit its CRC-8 by chance."""
+        epoch, before = state.reset_epoch, self._epoch_told
+        self._epoch_ns, self._epoch_told = arrival_ns, epoch
+        if self._epoch is None:
+            self._epoch = epoch
+        if epoch == self._epoch or epoch != before:
+            return
+        self._epoch = epoch
         # A reset leads to MANUAL; a supervisor that restarted counts anew, and resets nobody.
-        is_reset = self._epoch is not None and state.reset_epoch != self._epoch
-        if is_reset and state.mode not in (Mode.INIT, Mode.EMERGENCY):
+        if state.mode not in (Mode.INIT, Mode.EMERGENCY):
             self.shell.reset_codes()
             self._is_reset = True
-        self._epoch = state.reset_epoch
 
     def _check_peers(self, now_ns: int) -> None:
         """While driving: the supervisor must be heard and the planner's decision be young."""

@@ -125,6 +125,21 @@ def test_cause_still_there_at_the_reset_is_reported_again(name: str) -> None:
     assert flags(rig.now_sent("DRIVER")[0]) == {1}
 
 
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.READY])
+@pytest.mark.parametrize("name", NAMES)
+def test_one_state_with_another_epoch_unlatches_nothing(name: str, mode: Mode) -> None:
+    """A corrupt frame fits its CRC-8 once in 256 times; twice in a row with one epoch, hardly."""
+    rig = Rig(name).drive()
+    late(rig)
+    rig.emergency().steps(3)
+    rig.mode, rig.is_authorised, rig.reset_epoch = mode, False, 1
+    rig.step()
+    rig.mode, rig.reset_epoch = Mode.EMERGENCY, 0
+    rig.steps(110)
+    assert rig.state is NodeState.EMERGENCY
+    assert flags(rig.all_sent("DRIVER")[-1]) == {2}
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_restarted_supervisor_with_another_epoch_unlatches_nothing(name: str) -> None:
     rig = Rig(name)

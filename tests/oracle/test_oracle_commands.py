@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import nan
 from typing import Any
 
@@ -265,6 +266,22 @@ def test_corruptions_are_counted_beside_their_expected_share() -> None:
     corruptions = history.oracle.finish(0).corruptions
     assert (corruptions.count, corruptions.unseen) == (256, 1)
     assert corruptions.unseen_expected == 1.0
+
+
+@pytest.mark.parametrize("is_altered", [False, True])
+def test_what_was_changed_and_fits_its_crc_nobody_has_said(is_altered: bool) -> None:
+    history = following("STEER")
+    said = history.says["STEER_STATUS"]
+    sent = encode(SPEC_OF_NAME["STEER_STATUS"], said, history._counters["STEER_STATUS"])
+    heard = history.frame(
+        "STEER_STATUS", replace(said, applied_steering_wheel_angle_rad=3.0)
+    )
+    if is_altered:
+        history.oracle.on_corruption("Steering", sent, heard)
+    history.hear(heard, "Steering")
+    assert bool(history.run(100).broken()) != is_altered
+    report = history.oracle.finish(history.now_ns)
+    assert (report.corruptions.unseen, report.strangers) == (is_altered, 0)
 
 
 def test_an_excused_violation_is_kept_apart_while_the_fault_is_there_and_lately() -> None:
