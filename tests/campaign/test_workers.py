@@ -26,6 +26,7 @@ from tests.campaign import fakes
 ROOT = Path(__file__).parents[2]
 SEEDS = range(5, 30)
 PARENT = """
+import signal
 import sys
 from concurrent.futures import Future
 from functools import partial
@@ -34,6 +35,7 @@ from typing import Any
 from campaign.workers import LocalPool, each_seed
 from tests.campaign.fakes import pid_then_forever
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job inherits none
     with LocalPool(2) as pool:
         list(each_seed(pool, partial(pid_then_forever, Path(sys.argv[1])), range(9), abs))
 """
