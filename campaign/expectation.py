@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from campaign.result import Demand
-from oracle.settings import HAZARD_NS, SENSED_NS
+from oracle.settings import DRIVER_WINS_NS, HAZARD_NS, SENSED_NS
 from simulation.fault_kinds import KINDS, SENSORS, FaultKind
 from simulation.faults import Fault
 
@@ -21,8 +21,7 @@ NS_PER_MS = 1_000_000
 S_PER_MS = 1e-3
 SILENT_MS = HAZARD_NS / NS_PER_MS
 SENSED_MS = SENSED_NS / NS_PER_MS
-TOUCH_MS = 100.0
-"""A touch gives the driver the car within this."""
+TOUCH_MS = DRIVER_WINS_NS / NS_PER_MS
 GRIP_SHARE = 0.35
 """Of what a driver can do: above every threshold for hands and feet, by a margin."""
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
 from campaign.failure import Tally
 from campaign.result import SeedResult
+from dbw.progress import ProgressBar
 from runtime.clock import monotonic_ns
 
 S_PER_H = 3600.0
@@ -19,7 +18,7 @@ LINE_NS = 600_000_000_000
 """How often a log file gets a line."""
 
 
-class CampaignScreen:
+class CampaignScreen(ProgressBar):
     """Progress of a campaign: a bar on terminals, a line every ten minutes in a log file.
 
     Args:
@@ -29,37 +28,19 @@ class CampaignScreen:
     """
 
     def __init__(self, console: Console, goal_s: float, tally: Tally) -> None:
+        super().__init__(console, goal_s)
         self._console = console
         self._goal_s = goal_s
         self._tally = tally
         self._done_s = tally.simulated_s
         self._start_ns = self._line_ns = 0
-        self._task: TaskID | None = None
-        self._progress = Progress(
-            BarColumn(bar_width=14),
-            TextColumn("{task.fields[line]}"),
-            console=console,
-            auto_refresh=False,
-            transient=True,
-            disable=not console.is_terminal,
-        )
 
     def __enter__(self) -> Self:
         """Shows what is done already."""
         self._start_ns = self._line_ns = monotonic_ns()
-        self._progress.start()
-        self._task = self._progress.add_task("", total=self._goal_s, line="starting up")
-        self._draw("starting up")
+        super().__enter__()
+        self.draw(self._tally.simulated_s, "starting up")
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Takes the bar away."""
-        self._progress.stop()
 
     def show(self, result: SeedResult) -> None:
         """Counts a seed and draws."""
@@ -68,15 +49,10 @@ class CampaignScreen:
         wall_s = max((now_ns - self._start_ns) * 1e-9, 1e-9)
         factor = (self._tally.simulated_s - self._done_s) / wall_s
         line = progress_line(self._tally, self._goal_s, factor)
-        self._draw(line)
+        self.draw(self._tally.simulated_s, line)
         if not self._console.is_terminal and now_ns - self._line_ns >= LINE_NS:
             self._line_ns = now_ns
             self._console.print(line, soft_wrap=True)
-
-    def _draw(self, line: str) -> None:
-        if self._task is not None:
-            self._progress.update(self._task, completed=self._tally.simulated_s, line=line)
-            self._progress.refresh()
 
 
 def progress_line(tally: Tally, goal_s: float, real_time_factor: float) -> str:

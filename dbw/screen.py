@@ -4,29 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.progress import TextColumn
 from rich.table import Table
-from rich.text import Text
 
 from dbw.drive import DriveProgress
+from dbw.progress import ProgressBar
 from gateway.state import CarState
 from runtime.clock import monotonic_ns
 from telemetry.report import UAH_MAX_ERROR_M, UAH_RMSE_M, DriveReport
 
 REFRESH_NS = 200_000_000
 """A refresh costs some ms of processor time, which in real time the nodes need too."""
-
-
-class _StateColumn(ProgressColumn):
-    """Speed, steering, mode and codes."""
-
-    def render(self, task: Task) -> Text:
-        """The line of the newest state."""
-        return Text(task.fields.get("line", ""))
 
 
 def state_line(state: CarState) -> str:
@@ -42,8 +32,8 @@ def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "?"
 
 
-class DriveScreen:
-    """Progress of one drive; draws on terminals alone, so that a log file stays readable.
+class DriveScreen(ProgressBar):
+    """Progress of one drive.
 
     Args:
         console: Where to.
@@ -51,44 +41,17 @@ class DriveScreen:
     """
 
     def __init__(self, console: Console, goal_m: float) -> None:
-        self._console = console
+        super().__init__(console, goal_m, TextColumn("{task.completed:4.0f}/{task.total:.0f} m"))
         self._goal_m = goal_m
         self._newest_ns = 0
-        self._task: TaskID | None = None
-        self._progress = Progress(
-            BarColumn(bar_width=14),
-            TextColumn("{task.completed:4.0f}/{task.total:.0f} m"),
-            _StateColumn(),
-            console=console,
-            auto_refresh=False,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-
-    def __enter__(self) -> Self:
-        """Shows an empty bar."""
-        self._progress.start()
-        self._task = self._progress.add_task("", total=self._goal_m, line="starting up")
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Takes the bar away."""
-        self._progress.stop()
 
     def show(self, now: DriveProgress) -> None:
         """Takes a tick; draws it if the last one drawn is old enough."""
         now_ns = monotonic_ns()
-        if self._task is None or now_ns - self._newest_ns < REFRESH_NS:
+        if now_ns - self._newest_ns < REFRESH_NS:
             return
         self._newest_ns = now_ns
-        completed_m = min(max(now.progress_m, 0.0), self._goal_m)
-        self._progress.update(self._task, completed=completed_m, line=state_line(now.state))
-        self._progress.refresh()
+        self.draw(min(max(now.progress_m, 0.0), self._goal_m), state_line(now.state))
 
 
 def print_report(console: Console, report: DriveReport, files: list[Path]) -> None:

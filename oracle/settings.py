@@ -15,6 +15,10 @@ SILENT_NS: Final = 75 * NS_PER_MS
 """A cause that is a silence: 60 ms, a cycle and the wire."""
 HAZARD_NS: Final = 100 * NS_PER_MS
 """Any injected fault (the planner's silence apart)."""
+DRIVER_WINS_NS: Final = 100 * NS_PER_MS
+"""docs/safety.md: from a touch to MANUAL."""
+DRIVER_WINS_FAULTY_NS: Final = 150 * NS_PER_MS
+"""The same while something is faulty: 100 ms from the debounced touch."""
 MEMORY_NS: Final = 2 * NS_PER_S
 """So long a fault that has ended may still be the reason for what happens."""
 assert SENSED_NS < SILENT_NS < HAZARD_NS < MEMORY_NS
@@ -42,8 +46,8 @@ class Settings:
         throttle_pedal_ratio: The same of the throttle pedal.
         brake_pedal_ratio: The same of the foot beyond the servo.
         debounce_ns: So long an input must last to count.
-        driver_wins_ns: From a touch to MANUAL (docs/safety.md: 100 ms).
-        driver_wins_faulty_ns: The same while something is faulty: 100 ms from the debounced touch.
+        driver_wins_ns: From a touch to MANUAL.
+        driver_wins_faulty_ns: The same while something is faulty.
         is_touch_a_hazard: The vehicle's policy lets some touches brake (UWA).
         steering_window_s: So long after a setpoint was replaced its reference may still coast on.
         path_error_m_max: While engaged (UAH Section 5.3: 0.863 m).
@@ -65,8 +69,8 @@ class Settings:
     throttle_pedal_ratio: float
     brake_pedal_ratio: float
     debounce_ns: int
-    driver_wins_ns: int = 100 * NS_PER_MS
-    driver_wins_faulty_ns: int = 150 * NS_PER_MS
+    driver_wins_ns: int = DRIVER_WINS_NS
+    driver_wins_faulty_ns: int = DRIVER_WINS_FAULTY_NS
     is_touch_a_hazard: bool
     steering_window_s: float
     path_error_m_max: float = 0.863
