@@ -27,6 +27,7 @@ COMMANDS = {
     "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
+    "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "vm": ("dbw.vm", "Run commands in a virtual machine that has SocketCAN."),
 }
 """Command to its module, imported when it is used, and its line in the overview."""

@@ -16,7 +16,7 @@ from gateway.commands import NS_PER_S, CommandError, checked, checked_period_ns
 from gateway.core import NO_INPUTS, GatewayCore, PlannerInputs
 from gateway.errors import LinkFailed, NotConnected
 from gateway.state import CarState
-from vehicles.vehicle import Vehicle, load_vehicle
+from vehicles import Vehicle, load_vehicle
 
 OVERRUN_NS = PERIOD_NS // 2
 """A cycle that begins later than this after its deadline is an overrun."""

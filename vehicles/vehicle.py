@@ -1,4 +1,4 @@
-"""What the nodes believe about a vehicle: one TOML file, every number with its source, checked.
+"""What the nodes believe about a vehicle: the sections of its file and the ranges of their values.
 
 The plant's truth is elsewhere (`simulation/plant/params.py`): controllers must not be tested
 against a perfect model of themselves.
@@ -7,12 +7,9 @@ against a perfect model of themselves.
 from __future__ import annotations
 
 import math
-import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import StrEnum
-from importlib.resources import files
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 STOP_MARGIN = 3
 """The servo's on-time limit is at least this many times the longest stop (design, ER3)."""
@@ -165,125 +162,3 @@ class Vehicle:
         return self.brake.full_travel_s + (
             self.traction.speed_mps_max / self.brake.deceleration_mps2_min
         )
-
-
-_SECTIONS: dict[str, type[Any]] = {
-    "geometry": Geometry,
-    "steering": Steering,
-    "traction": Traction,
-    "brake": Brake,
-    "envelope": Envelope,
-    "times": Times,
-    "policy": Policy,
-    "bus": BusSettings,
-}
-
-SectionT = TypeVar("SectionT")
-
-
-def known_vehicles() -> list[str]:
-    """Names of the vehicles shipped with the package."""
-    return sorted(
-        item.name.removesuffix(".toml")
-        for item in files("vehicles").iterdir()
-        if item.name.endswith(".toml")
-    )
-
-
-def load_vehicle(name_or_path: str) -> Vehicle:
-    """A shipped vehicle by name, or a file by path (anything ending in `.toml`).
-
-    Raises:
-        VehicleError: The file is missing or holds something that cannot be used.
-    """
-    if name_or_path.endswith(".toml"):
-        try:
-            text = Path(name_or_path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise VehicleError(f"{name_or_path}: cannot be read: {error}") from error
-        return parse_vehicle(text, name_or_path)
-    if name_or_path not in known_vehicles():
-        known = ", ".join(known_vehicles())
-        raise VehicleError(
-            f"vehicle {name_or_path!r} is not known: allowed {known}, or a path ending in .toml"
-        )
-    resource = files("vehicles").joinpath(f"{name_or_path}.toml")
-    return parse_vehicle(resource.read_text(encoding="utf-8"), f"{name_or_path}.toml")
-
-
-def parse_vehicle(text: str, origin: str) -> Vehicle:
-    """A vehicle from TOML text; `origin` names it in errors.
-
-    Raises:
-        VehicleError: Naming origin, field, value and allowed range.
-    """
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise VehicleError(f"{origin}: not valid TOML: {error}") from error
-    name = document.pop("name", None)
-    if not isinstance(name, str) or not name:
-        raise VehicleError(f"{origin}: name = {name!r}: a non-empty text is wanted")
-    for section in document.keys() - _SECTIONS.keys():
-        raise VehicleError(f"{origin}: [{section}] is not known: allowed {', '.join(_SECTIONS)}")
-    sections = {
-        section: _parse_section(document.get(section), kind, f"{origin}: {section}")
-        for section, kind in _SECTIONS.items()
-    }
-    vehicle = Vehicle(name=name, text=text, **sections)
-    _check_relations(vehicle, origin)
-    return vehicle
-
-
-def _parse_section(table: object, kind: type[SectionT], where: str) -> SectionT:
-    if not isinstance(table, dict):
-        raise VehicleError(f"{where}: the section is missing")
-    wanted = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
-    for unknown in table.keys() - wanted.keys():
-        raise VehicleError(f"{where}.{unknown} is not known: allowed {', '.join(wanted)}")
-    values: dict[str, Any] = {}
-    for name, spec in wanted.items():
-        entry = table.get(name)
-        if not isinstance(entry, dict) or entry.keys() != {"value", "source"}:
-            raise VehicleError(
-                f"{where}.{name} is missing: wanted {{ value = ..., source = \"...\" }}"
-            )
-        if not isinstance(entry["source"], str) or not entry["source"].strip():
-            raise VehicleError(f"{where}.{name}: the source is missing: where is it from?")
-        values[name] = _parse_value(entry["value"], dict(spec.metadata), f"{where}.{name}")
-    return kind(**values)
-
-
-def _parse_value(value: object, metadata: dict[str, float], where: str) -> float | DriverPolicy:
-    if not metadata:
-        if value not in list(DriverPolicy):
-            raise VehicleError(f"{where} = {value!r}: allowed {', '.join(DriverPolicy)}")
-        return DriverPolicy(str(value))
-    low, high = metadata["low"], metadata["high"]
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:  # type: ignore[operator]
-        raise VehicleError(f"{where} = {value!r}: allowed {low:g} to {high:g}")
-    return float(value)  # type: ignore[arg-type]
-
-
-def _check_relations(vehicle: Vehicle, origin: str) -> None:
-    steering, brake, envelope = vehicle.steering, vehicle.brake, vehicle.envelope
-    rules = (
-        ("brake.on_time_s_max", brake.on_time_s_max, STOP_MARGIN * vehicle.longest_stop_s,
-         "at least three times the longest stop"),
-        ("steering.sensor_angle_rad_max", steering.sensor_angle_rad_max,
-         steering.wheel_angle_rad_max, "at least steering.wheel_angle_rad_max"),
-        ("envelope.speed_mps_max", envelope.speed_mps_max, vehicle.traction.speed_mps_max,
-         "at least traction.speed_mps_max"),
-        ("envelope.wheel_angle_rad_max", envelope.wheel_angle_rad_max,
-         steering.wheel_angle_rad_max, "at least steering.wheel_angle_rad_max"),
-        ("envelope.wheel_rate_radps_max", envelope.wheel_rate_radps_max,
-         steering.wheel_rate_radps_max, "at least steering.wheel_rate_radps_max"),
-        ("brake.deceleration_mps2_full", brake.deceleration_mps2_full,
-         brake.deceleration_mps2_min, "at least brake.deceleration_mps2_min"),
-        ("bus.foreign_id_max", vehicle.bus.foreign_id_max, vehicle.bus.foreign_id_min,
-         "at least bus.foreign_id_min"),
-    )
-    for name, value, low, why in rules:
-        if value < low:
-            raise VehicleError(f"{origin}: {name} = {value:g}: must be {why} ({low:g})")

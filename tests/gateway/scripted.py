@@ -33,7 +33,7 @@ from dbc.messages import (
 )
 from gateway.core import NO_INPUTS, GatewayCore, PlannerInputs
 from gateway.state import CarState
-from vehicles.vehicle import Vehicle, load_vehicle
+from vehicles import Vehicle, load_vehicle
 
 MS = 1_000_000
 TABBY = load_vehicle("tabby_evo")

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.brake import brake_position_ratio
 from gateway.commands import Decision
-from vehicles.vehicle import load_vehicle
+from vehicles import load_vehicle
 
 TABBY = load_vehicle("tabby_evo")
 RADIUS_M = TABBY.geometry.wheel_radius_m

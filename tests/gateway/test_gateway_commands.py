@@ -19,7 +19,7 @@ from gateway.commands import (
     planner_period_ns_max,
     promised_period_ms,
 )
-from vehicles.vehicle import Vehicle, load_vehicle
+from vehicles import Vehicle, load_vehicle
 
 TABBY = load_vehicle("tabby_evo")
 MS = 1_000_000

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.kinematics import Kinematics
-from vehicles.vehicle import load_vehicle
+from vehicles import load_vehicle
 
 TABBY = load_vehicle("tabby_evo")
 KIN = Kinematics.of(TABBY.geometry, TABBY.steering)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from vehicles import VehicleError, known_vehicles, load_vehicle, parse_vehicle
+from vehicles.reading import read_vehicle
 from vehicles.vehicle import DriverPolicy, Vehicle
 
 TEXT = load_vehicle("tabby_evo").text
@@ -235,3 +236,57 @@ def test_each_relation_holds_at_its_edge_and_is_refused_below(
     number = float(int(too_little, 0) if too_little.startswith("0x") else too_little)
     assert told.startswith(f"{ORIGIN}: {section}.{field} = {number:g}: must be at least")
     assert told.endswith(why)
+
+
+# All problems ------------------------------------------------------------------------------------
+
+
+def lines_told(text: str) -> dict[str, str]:
+    """What is wrong, by the text of its line."""
+    lines = text.splitlines()
+    vehicle, problems = read_vehicle(text)
+    assert (vehicle is None) == bool(problems)
+    return {lines[problem.line - 1]: problem.text for problem in problems}
+
+
+def test_a_good_file_has_no_problems() -> None:
+    assert lines_told(TEXT) == {}
+
+
+@NUMBERS
+def test_a_number_out_of_its_range_is_named_with_its_line(
+    section: str, field: str, low: float, high: float
+) -> None:
+    text = with_value(section, field, "1e300")
+    told = lines_told(text)
+    (line,) = [line for line, what in told.items() if what.startswith(f"{section}.{field} = ")]
+    assert line.startswith(f"{field} = {{ value = 1e300")
+
+
+def test_every_problem_is_named_and_in_the_order_of_the_lines() -> None:
+    text = TEXT.replace("value = 40.0", "value = 400.0").replace("value = 2.360", "value = -1")
+    text = text.replace("\n[envelope]", "\n[envelope]\ncolour = 1").replace('"manual"', '"maybe"')
+    text = text.replace("value = 9.6", "value = 9.0") + "\n[engine]\ncylinders = 4\n"
+    _, problems = read_vehicle(text)
+    assert [problem.text.split(" ")[0] for problem in problems] == [
+        "geometry.wheelbase_m", "steering.ratio", "envelope.colour", "policy.driver_steers_against",
+        "policy.driver_brakes_alone", "[engine]",
+    ]
+    assert [problem.line for problem in problems] == sorted(problem.line for problem in problems)
+
+
+def test_relations_of_sections_without_a_problem_are_checked_beside_other_problems() -> None:
+    text = TEXT.replace("value = 2.360", "value = -1").replace("value = 30.0", "value = 6.0")
+    told = list(lines_told(text).values())
+    assert told[0].startswith("geometry.wheelbase_m = -1")
+    assert told[1].startswith("brake.on_time_s_max = 6: must be at least three times")
+
+
+def test_what_is_missing_is_named_at_its_section_and_bad_toml_at_its_line() -> None:
+    assert lines_told(re.sub(r"^mass_kg.*\n", "", TEXT, flags=re.M)) == {
+        "[geometry]": 'geometry.mass_kg is missing: wanted { value = ..., source = "..." }'
+    }
+    _, (problem,) = read_vehicle(TEXT.replace("\n[brake]", "\n[brake"))
+    assert problem.line == 1 + TEXT.splitlines().index("[brake]")
+    _, (problem,) = read_vehicle('name = "x"\n\n\n[geometry')
+    assert problem.line == 4
