@@ -187,14 +187,9 @@ def plan_of(options: DemoOptions) -> DrivePlan:
     from dbw.plan import make_plan
     from gateway.commands import PLANNER_PERIOD_NS_MIN, planner_period_ns_max
     from planner.road import open_road
-    from simulation.plant.params import plant_params
     from vehicles import load_vehicle
 
     vehicle = load_vehicle(options.vehicle)
-    try:
-        plant_params(vehicle.name)
-    except ValueError as error:
-        raise UserMistake(f"--vehicle {options.vehicle}: {error}") from error
     low_ms, high_ms = (
         limit // NS_PER_MS for limit in (PLANNER_PERIOD_NS_MIN, planner_period_ns_max(vehicle))
     )

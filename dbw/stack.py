@@ -88,7 +88,6 @@ def up(
 
 def _wants_plant(vehicle: str, plant: str | None) -> bool:
     """Checks vehicle and plant; whether a plant is to be started."""
-    from simulation.plant.params import plant_params
     from vehicles import load_vehicle
 
     name = load_vehicle(vehicle).name
@@ -96,10 +95,6 @@ def _wants_plant(vehicle: str, plant: str | None) -> bool:
         return False
     if plant is not None and plant != name:
         raise UserMistake(f"--plant {plant}: allowed {name} (the vehicle's own) or {NO_PLANT}")
-    try:
-        plant_params(name)
-    except ValueError as error:
-        raise UserMistake(f"--vehicle {vehicle}: {error}; or use --plant {NO_PLANT}") from error
     return True
 
 

@@ -37,7 +37,6 @@ from ecus.steering.ports import SteeringActuator
 from ecus.supervisor.ports import SupervisorActuator
 from ecus.throttle.ports import ThrottleActuator
 from runtime.clock import Clock, monotonic_ns
-from runtime.errors import LaunchError
 from runtime.harness import SPEC_OF_NAME, decode_harness, harness_frame
 from runtime.node_process import NodeResult, Report, StopFlag, one_line
 from runtime.nodes import PLANT_PHASE_NS
@@ -47,7 +46,7 @@ from runtime.realtime import apply_realtime, keep_collections_short
 from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
 from simulation.plant.car import ORIGIN, Car
-from simulation.plant.params import plant_params
+from simulation.plant.derived import plant_of
 from simulation.plant.state import Pose, Truth
 from vehicles import Vehicle
 
@@ -72,16 +71,8 @@ ACCEPTANCE = frozenset(
 
 
 def build_car(vehicle: Vehicle, *, seed: int, start_pose: Pose = ORIGIN, start_ns: int = 0) -> Car:
-    """A car of this vehicle, parked.
-
-    Raises:
-        LaunchError: there is no plant for this vehicle.
-    """
-    try:
-        params = plant_params(vehicle.name)
-    except ValueError as error:
-        raise LaunchError(str(error)) from error
-    return Car(params, default_rng(seed), start_pose, start_ns)
+    """A car of this vehicle, parked."""
+    return Car(plant_of(vehicle), default_rng(seed), start_pose, start_ns)
 
 
 class PlantSide:
@@ -289,7 +280,7 @@ def run_plant_process(
     """The main of `dbw ecu plant`: runs until SIGTERM or SIGINT.
 
     Raises:
-        LaunchError: the vehicle is unknown or has no plant, or the system refuses what was asked
+        LaunchError: the vehicle is unknown, or the system refuses what was asked
             of it by name.
         BusError: the harness bus cannot be opened.
     """

@@ -21,7 +21,8 @@ from safety_monitor.ports import MonitorSensors
 from simulation.kernel import Kernel
 from simulation.node_clock import NodeClock
 from simulation.plant.car import ORIGIN, Car
-from simulation.plant.params import PlantParams, plant_params
+from simulation.plant.derived import plant_of
+from simulation.plant.params import PlantParams
 from simulation.plant.state import Pose
 from simulation.trace import Trace
 from simulation.wire import Receiver, Wire
@@ -175,7 +176,7 @@ class World:
         self.vehicle = vehicle
         self.seed = seed
         self.kernel = Kernel()
-        self.car = Car(plant or plant_params(vehicle.name), car_rng, start_pose)
+        self.car = Car(plant or plant_of(vehicle), car_rng, start_pose)
         self.wire = Wire(self.kernel, round(vehicle.bus.bitrate_bps))
         self.trace = Trace(keep=keep_frames)
         self.wire.witnesses.append(self.trace)

@@ -16,6 +16,7 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 SAFETY = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
 
 def mode_rows() -> list[str]:
@@ -42,11 +43,12 @@ def test_every_folder_in_the_docs_exists() -> None:
         assert (ROOT / name).is_dir(), name
 
 
-@pytest.mark.parametrize("text", [README, ARCHITECTURE, SAFETY])
-def test_every_link_leads_somewhere(text: str) -> None:
+@pytest.mark.parametrize("path", PAGES, ids=str)
+def test_every_link_leads_somewhere(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         if not target.startswith("http"):
-            assert (ROOT / target).exists() or (ROOT / "docs" / target).exists(), target
+            assert (path.parent / target).exists(), target
 
 
 def test_the_identifiers_in_the_docs_are_those_of_the_dbc() -> None:

@@ -268,6 +268,8 @@ TABBY_EVO: Final = PlantParams(
 )
 
 _PARAMS_BY_NAME: Final = {params.name: params for params in (TABBY_EVO,)}
+NAMES: Final = frozenset(_PARAMS_BY_NAME)
+"""Vehicles with a plant of their own."""
 
 
 def plant_params(vehicle_name: str) -> PlantParams:

@@ -36,7 +36,7 @@ VALUES = {
     "wheel_rate_radps_max": 8.727,
     "wheel_angle_rad_max": 9.25,
     "driver_torque_nm_max": 3.0,
-    "command_timeout_s": 0.05,
+    "command_timeout_s": 0.06,
 }
 TIMEOUT = 0x2100, 7
 BOOT_UP = Frame(0x702, b"\x00")
@@ -234,7 +234,7 @@ def test_node_reset_brings_parameters_back_and_communication_reset_does_not() ->
     assert answer(node, "40 17 10 00 00 00 00 00") == "4b 17 10 00 32 00 00 00"
     node.step(3 * MS, [nmt_frame(NmtCommand.RESET_NODE, 0)])
     assert dict(node.parameters) == VALUES
-    assert answer(node, "40 00 21 07 00 00 00 00") == "43 00 21 07 32 00 00 00"
+    assert answer(node, "40 00 21 07 00 00 00 00") == "43 00 21 07 3c 00 00 00"
     assert answer(node, "40 00 20 01 00 00 00 00") == "43 00 20 01 ef be ad de"
 
 
@@ -366,7 +366,7 @@ def test_segmented_write_of_wrong_length_is_refused(last: str) -> None:
     node.writable = True
     answer(node, "20 00 21 07 00 00 00 00")
     assert abort_code(node, last) == 0x06070010
-    assert node.parameters["command_timeout_s"] == 0.05
+    assert node.parameters["command_timeout_s"] == 0.06
 
 
 def test_endless_segmented_write_is_cut_off() -> None:
@@ -436,7 +436,7 @@ def number(value: int) -> bytes:
 def test_nothing_is_writable_until_the_owner_allows_it(client: Client) -> None:
     assert put(client, *TIMEOUT, number(500)) == 0x08000022
     assert put(client, 0x1017, 0, b"\x0a\x00") == 0x08000022
-    assert client.node.parameters["command_timeout_s"] == 0.05
+    assert client.node.parameters["command_timeout_s"] == 0.06
     assert client.node.poll_events() == []
     client.run(200 * MS)
     heartbeats = [frame for frame in client.seen if frame == PRE_OPERATIONAL]
@@ -445,18 +445,18 @@ def test_nothing_is_writable_until_the_owner_allows_it(client: Client) -> None:
 
 @pytest.mark.parametrize(
     ("raw", "code"),
-    [(49, 0x06090032), (-1, 0x06090032), (1001, 0x06090031), (2**31 - 1, 0x06090031)],
+    [(59, 0x06090032), (-1, 0x06090032), (1251, 0x06090031), (2**31 - 1, 0x06090031)],
 )
 def test_values_beyond_the_limits_are_refused_and_not_stored(
     client: Client, raw: int, code: int
 ) -> None:
     client.node.writable = True
     assert put(client, *TIMEOUT, number(raw)) == code
-    assert client.remote.sdo["parameters"]["command_timeout_s"].raw == 50
+    assert client.remote.sdo["parameters"]["command_timeout_s"].raw == 60
     assert client.node.poll_events() == []
 
 
-@pytest.mark.parametrize("raw", [50, 1000])
+@pytest.mark.parametrize("raw", [60, 1250])
 def test_values_at_the_limits_are_taken(client: Client, raw: int) -> None:
     client.node.writable = True
     client.remote.sdo.download(*TIMEOUT, number(raw))
@@ -622,8 +622,8 @@ def test_emergency_that_fits_no_frame_is_a_programmers_error(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"command_timeout_s": 2.0}, r"command_timeout_s: 2.0 s; allowed 0.05 to 1"),
-        ({"command_timeout_s": 0.049}, r"command_timeout_s: 0.049 s; allowed 0.05 to 1"),
+        ({"command_timeout_s": 2.0}, r"command_timeout_s: 2.0 s; allowed 0.06 to 1.25"),
+        ({"command_timeout_s": 0.059}, r"command_timeout_s: 0.059 s; allowed 0.06 to 1.25"),
         ({"rate_gain": float("nan")}, "rate_gain: nan"),
         ({"rate_gain": float("inf")}, "rate_gain: inf"),
         ({"gain": 1.0}, "unknown: gain"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from configparser import RawConfigParser
+from dataclasses import fields
 from importlib.resources import files
 
 import canopen
@@ -12,6 +13,7 @@ from canopen.objectdictionary import ODRecord, ODVariable
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_parameters import Parameter
 from canbus.node import NODE_IDS
+from vehicles.reading import SECTIONS
 
 # Written a second time by hand: name, smallest and largest value in SI, unit.
 PARAMETERS: dict[str, list[tuple[str, float, float, str]]] = {
@@ -23,10 +25,10 @@ PARAMETERS: dict[str, list[tuple[str, float, float, str]]] = {
         ("position_gain_per_s", 1, 40, "1/s"),
         ("rate_gain", 0, 5, "1"),
         ("integral_gain_per_s2", 0, 50, "1/s2"),
-        ("wheel_rate_radps_max", 0.5, 12, "rad/s"),
-        ("wheel_angle_rad_max", 1, 9.25, "rad"),
+        ("wheel_rate_radps_max", 0.1, 20, "rad/s"),
+        ("wheel_angle_rad_max", 0.05, 16, "rad"),
         ("driver_torque_nm_max", 0.5, 10, "N.m"),
-        ("command_timeout_s", 0.05, 1, "s"),
+        ("command_timeout_s", 0.06, 1.25, "s"),
     ],
     "throttle": [
         ("speed_gain", 0, 20, "1/s"),
@@ -34,24 +36,24 @@ PARAMETERS: dict[str, list[tuple[str, float, float, str]]] = {
         ("feed_forward_gain", 0, 2, "1"),
         ("acceleration_mps2_max", 0.1, 10, "m/s2"),
         ("deceleration_mps2_max", 0.1, 10, "m/s2"),
-        ("speed_mps_max", 0.5, 35, "m/s"),
+        ("speed_mps_max", 0.2, 35, "m/s"),
         ("driver_pedal_ratio_max", 0.01, 0.5, "1"),
-        ("command_timeout_s", 0.05, 1, "s"),
+        ("command_timeout_s", 0.06, 1.25, "s"),
     ],
     "brake_servo": [
         ("on_time_s_max", 5, 300, "s"),
         ("driver_pedal_ratio_max", 0.01, 0.5, "1"),
-        ("position_rate_per_s_max", 0.5, 10, "1/s"),
-        ("command_timeout_s", 0.05, 1, "s"),
+        ("position_rate_per_s_max", 0.2, 100, "1/s"),
+        ("command_timeout_s", 0.06, 1.25, "s"),
     ],
     "safety_monitor": [
-        ("speed_mps_max", 0.5, 40, "m/s"),
+        ("speed_mps_max", 0.2, 40, "m/s"),
         ("lateral_acceleration_mps2_max", 0.1, 15, "m/s2"),
         ("lateral_jerk_mps3_max", 0.1, 100, "m/s3"),
-        ("wheel_angle_rad_max", 0.1, 15, "rad"),
+        ("wheel_angle_rad_max", 0.05, 16, "rad"),
         ("wheel_rate_radps_max", 0.1, 30, "rad/s"),
     ],
-    "gateway": [("command_timeout_s", 0.05, 1, "s")],
+    "gateway": [("command_timeout_s", 0.06, 1.25, "s")],
 }
 NODES = dict(zip(PARAMETERS, (1, 2, 3, 4, 5, 6), strict=True))
 READ_ONLY = ("safety_monitor", "gateway")
@@ -205,3 +207,24 @@ def test_node_starts_from_its_file_with_every_limit(name: str) -> None:
         )
         assert node.parameters == values
         assert node.step(0)[0].can_id == 0x700 + NODES[name]
+
+
+def test_a_value_that_a_vehicle_file_may_give_is_in_the_range_of_the_eds() -> None:
+    """One range for each number: a file that `dbw vehicle check` accepts starts every node."""
+    ranges: dict[str, list[tuple[float, float]]] = {}
+    for name, kind in SECTIONS.items():
+        for field in fields(kind):
+            if "low" in field.metadata:
+                key = "envelope" if name == "envelope" else "own"
+                ranges.setdefault(f"{key} {field.name}", []).append(
+                    (field.metadata["low"], field.metadata["high"])
+                )
+    checked = set()
+    for node, parameters in PARAMETERS.items():
+        key = "envelope" if node == "safety_monitor" else "own"
+        for parameter, low, high, _ in parameters:
+            for wanted in ranges.get(f"{key} {parameter}", []):
+                if parameter != "integral_gain_per_s2":  # the throttle's has another name
+                    assert wanted == (low, high), (node, parameter)
+                    checked.add((node, parameter))
+    assert len(checked) >= 18

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from dbw.main import main
-from vehicles import load_vehicle
 
 Capture = pytest.CaptureFixture[str]
 
@@ -99,15 +98,6 @@ def test_road_too_tight_or_too_narrow_for_the_vehicle_is_refused(
         arguments = ["demo", "--track", str(file), "--out", str(tmp_path / "out")]
         line = refused(arguments, tmp_path, capsys)
         assert said in line and "x = " in line
-
-
-def test_vehicle_without_a_plant_is_refused(tmp_path: Path, capsys: Capture) -> None:
-    file = tmp_path / "kart.toml"
-    text = load_vehicle("tabby_evo").text
-    file.write_text(text.replace('name = "tabby_evo"', 'name = "kart"'))
-    out = str(tmp_path / "out")
-    assert "kart" in refused(["demo", "--vehicle", str(file), "--out", out], tmp_path, capsys)
-    assert "--plant none" in refused(["up", "--vehicle", str(file)], tmp_path, capsys)
 
 
 @pytest.mark.parametrize("command", [["up", "--plant", "none"], ["ecu", "steering"]])

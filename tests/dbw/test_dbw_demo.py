@@ -236,3 +236,12 @@ def test_campus_lap_stays_within_a_third_of_the_papers_errors(tmp_path: Path) ->
     assert report["max_error_m"] < UAH_MAX_ERROR_M / 3
     assert report["emergency_brakes"] == 0 and report["codes"] == []
     assert report["speed_max_mps"] == pytest.approx(25.0 / 3.6, rel=0.03)
+
+
+def test_a_vehicle_file_of_ones_own_is_driven(tmp_path: Path, capsys: Capture) -> None:
+    text = load_vehicle("tabby_evo").text.replace('name = "tabby_evo"', 'name = "mine"')
+    file = tmp_path / "mine.toml"
+    file.write_text(text.replace("mass_kg = { value = 880.0", "mass_kg = { value = 1500.0"))
+    arguments = ["demo", "--vehicle", str(file), "--distance-m", "20", "--out", str(tmp_path / "o")]
+    assert main(arguments) == 0
+    assert "campus, mine" in capsys.readouterr().out
