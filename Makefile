@@ -42,6 +42,7 @@ compiled: $(STAMP)
 
 generate: $(STAMP)
 	$(BIN)/python -m dbc.generate
+	$(BIN)/dbw docs --out docs/bus
 
 # What each fault leads to, measured: docs/fault-matrix.md.
 matrix: $(STAMP)

@@ -41,6 +41,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("canbus.bus", "BusError"),
         ("runtime.errors", "LaunchError"),
         ("runtime.vm.host", "VmError"),
+        ("telemetry.databases", "DatabaseError"),
         ("telemetry.folder", "FolderError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),

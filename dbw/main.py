@@ -28,6 +28,7 @@ COMMANDS = {
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
+    "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),
     "vm": ("dbw.vm", "Run commands in a virtual machine that has SocketCAN."),
 }
 """Command to its module, imported when it is used, and its line in the overview."""

@@ -22,7 +22,9 @@ from cantools.database.errors import Error
 from dbc.database import HARNESS_DBC, VEHICLE_DBC, dbc_text
 from telemetry.dbc_text import keyword, line_of_error, line_of_id, line_of_message, statement_at
 
-__all__ = ["DatabaseError", "Databases", "Message", "Signal", "load_databases", "nearest"]
+__all__ = [
+    "Database", "DatabaseError", "Databases", "Message", "Signal", "load_databases", "nearest",
+]
 
 OWN: Final = {name: file for file in (VEHICLE_DBC, HARNESS_DBC) for name in (file, file[:-4])}
 """The project's own files by the names under which they can be asked for."""
@@ -55,12 +57,14 @@ class Databases:
 
     Attributes:
         messages: All of them, in the order of the files.
+        databases: As cantools has parsed them, one for each file.
         notes: What relaxed loading tolerated, and what was done about names used twice; one line
             each.
     """
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
+        self.databases: list[Database] = []
         self.notes: list[str] = []
         self._by_id: dict[tuple[str, int, bool], Message] = {}
         self._by_name: dict[str, Message] = {}
@@ -161,7 +165,9 @@ def load_databases(files: Iterable[str | Path] = (), *, relaxed: bool = False) -
     with _without_log():
         for given in [str(file) for file in files] or [VEHICLE_DBC]:
             source = _read(given, result.notes, relaxed=relaxed)
-            for message in _parse(source, result.notes, relaxed=relaxed).messages:
+            database = _parse(source, result.notes, relaxed=relaxed)
+            result.databases.append(database)
+            for message in database.messages:
                 result._add(source, message, relaxed=relaxed)
     return result
 
