@@ -40,7 +40,7 @@ def derived(vehicle: Vehicle) -> PlantParams:
     return replace(
         pattern,
         name=vehicle.name,
-        steering=_steering(vehicle, believed, radius),
+        steering=_steering(vehicle, believed, mass, radius),
         traction=_traction(vehicle, believed),
         brakes=replace(
             pattern.brakes,
@@ -55,12 +55,20 @@ def derived(vehicle: Vehicle) -> PlantParams:
     )
 
 
-def _steering(vehicle: Vehicle, believed: Vehicle, radius: float) -> SteeringColumnParams:
+def _steering(
+    vehicle: Vehicle, believed: Vehicle, mass: float, radius: float
+) -> SteeringColumnParams:
     pattern, ours, theirs = TABBY_EVO.steering, vehicle.steering, believed.steering
-    inertia = ours.wheel_inertia_kgm2 / theirs.wheel_inertia_kgm2
+    hands = ours.wheel_inertia_kgm2 / theirs.wheel_inertia_kgm2
     speed = ours.motor_free_speed_radps / theirs.motor_free_speed_radps
-    # time constant = inertia * free speed / stall torque
-    torque = inertia * speed * theirs.motor_time_constant_s / ours.motor_time_constant_s
+    # time constant = inertia * free speed / stall torque: for the torque that speeds the hand wheel
+    # up so fast, or that the tyres' aligning torque needs, the motor's own inertia is what is left
+    per_torque = ours.motor_time_constant_s / theirs.motor_time_constant_s / speed
+    torque = max(hands / per_torque, mass * radius * theirs.ratio / ours.ratio)
+    inertia_kgm2 = (pattern.hand_wheel_inertia_kgm2 + pattern.column_inertia_kgm2) * (
+        torque * per_torque
+    )
+    hand_wheel_inertia_kgm2 = pattern.hand_wheel_inertia_kgm2 * hands
     friction = ours.motor_friction_duty_ratio / theirs.motor_friction_duty_ratio
     room = (pattern.end_stop_rad - theirs.wheel_angle_rad_max) / (
         theirs.sensor_angle_rad_max - theirs.wheel_angle_rad_max
@@ -70,8 +78,8 @@ def _steering(vehicle: Vehicle, believed: Vehicle, radius: float) -> SteeringCol
         pattern,
         column_to_road_wheel_ratio=ours.ratio,
         end_stop_rad=ours.wheel_angle_rad_max + room * beyond_rad,
-        hand_wheel_inertia_kgm2=pattern.hand_wheel_inertia_kgm2 * inertia,
-        column_inertia_kgm2=pattern.column_inertia_kgm2 * inertia,
+        hand_wheel_inertia_kgm2=hand_wheel_inertia_kgm2,
+        column_inertia_kgm2=inertia_kgm2 - hand_wheel_inertia_kgm2,
         motor_stall_torque_nm=pattern.motor_stall_torque_nm * torque,
         motor_no_load_speed_radps=pattern.motor_no_load_speed_radps * speed,
         coulomb_torque_nm=pattern.coulomb_torque_nm * torque * friction,

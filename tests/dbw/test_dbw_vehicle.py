@@ -42,4 +42,4 @@ def test_each_problem_has_a_line_with_file_place_and_range(
 
 def test_a_file_that_is_not_there_is_named(capsys: Capture) -> None:
     assert main(["vehicle", "check", "beetle"]) == 2
-    assert "allowed tabby_evo, or a path" in capsys.readouterr().err
+    assert "allowed baja_5b, fsae_electric, tabby_evo, or a path" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Vehicles of other sizes, each a file and nothing else: they follow, and they stop."""
+"""Vehicles without a plant of their own, each a file and nothing else: they follow, and stop."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from functools import partial
 
 import pytest
 
-from dbc.messages import Request
+from dbc.messages import ErrorCode, Mode, Reason, Request
 from tests.scenarios.driving import TABBY, Drive
-from vehicles import Vehicle, parse_vehicle
+from vehicles import Vehicle, load_vehicle, parse_vehicle
 
 VAN: dict[str, dict[str, float]] = {
     "geometry": {"wheelbase_m": 3.2, "track_m": 1.7, "wheel_radius_m": 0.34, "mass_kg": 2100.0},
@@ -49,8 +49,13 @@ def vehicle_of(name: str, changes: dict[str, dict[str, float]]) -> Vehicle:
 
 @pytest.mark.parametrize(
     ("make", "curvature_per_m"),
-    [(partial(vehicle_of, "van", VAN), 0.12), (partial(vehicle_of, "buggy", BUGGY), 0.4)],
-    ids=["van", "buggy"],
+    [
+        (partial(vehicle_of, "van", VAN), 0.12),
+        (partial(vehicle_of, "buggy", BUGGY), 0.4),
+        (partial(load_vehicle, "fsae_electric"), 0.2),
+        (partial(load_vehicle, "baja_5b"), 0.5),
+    ],
+    ids=["van", "buggy", "fsae_electric", "baja_5b"],
 )
 def test_a_vehicle_of_another_size_follows_and_stops(
     make: partial[Vehicle], curvature_per_m: float
@@ -61,3 +66,20 @@ def test_a_vehicle_of_another_size_follows_and_stops(
     drive.request(Request.EMERGENCY_STOP, 0.5)
     assert drive.brake > 0.9
     assert drive.brakes_to_standstill()
+
+
+@pytest.mark.parametrize("hands", [{"steering_torque_nm": -6.0}, {"brake_pedal_ratio": 0.5}])
+def test_uwas_driver_who_acts_against_the_system_stops_the_car(hands: dict[str, float]) -> None:
+    drive = Drive(vehicle=load_vehicle("fsae_electric")).go(4.0, 0.05)
+    for name, value in hands.items():
+        setattr(drive.car.driver, name, value)
+    drive.run(0.15)
+    assert drive.first_emergency() == (ErrorCode.ER1, Reason.DRIVER_AGAINST_SYSTEM)
+    assert drive.is_in(Mode.EMERGENCY)
+
+
+def test_uwas_planner_may_be_silent_for_no_more_than_300_ms() -> None:
+    drive = Drive(vehicle=load_vehicle("fsae_electric")).go(4.0)
+    drive.is_planner_silent = True
+    drive.run(0.31)
+    assert drive.first_emergency()[0] is ErrorCode.ER5
