@@ -18,7 +18,6 @@ from dbc.harness import (
     ThrottleActuatorWire,
 )
 from ecus.throttle.ports import dac_code
-from runtime.errors import LaunchError
 from runtime.harness import SPEC_OF_NAME, decode_harness, harness_frame
 from runtime.plant_process import PlantSide, build_car, run_plant, truth_frames
 from tests.runtime.runtime_fakes import MS, FakeBus, FakeClock, StopAt
@@ -216,7 +215,13 @@ def test_plant_runs_on_the_grid_and_publishes_the_truth() -> None:
     assert {time_ns for time_ns, _ in bus.sent} == set(seen)
 
 
-def test_vehicle_without_a_plant_is_refused_by_name() -> None:
-    vehicle = replace(load_vehicle("tabby_evo"), name="hovercraft")
-    with pytest.raises(LaunchError, match="hovercraft"):
-        build_car(vehicle, seed=1)
+def test_a_vehicle_without_a_plant_of_its_own_gets_one_of_its_size() -> None:
+    tabby = load_vehicle("tabby_evo")
+    lorry = replace(tabby, name="lorry", geometry=replace(tabby.geometry, mass_kg=8800.0))
+    speeds_mps = []
+    for vehicle in (tabby, lorry):
+        car = build_car(vehicle, seed=1)
+        car.driver.throttle_pedal_ratio = 0.5
+        car.advance(1000 * MS)
+        speeds_mps.append(car.truth.speed_mps)
+    assert speeds_mps[0] > 0.5 and 0.0 < speeds_mps[1] < 0.15 * speeds_mps[0]
