@@ -42,6 +42,8 @@ def is_user_mistake(error: Exception) -> bool:
         ("runtime.errors", "LaunchError"),
         ("runtime.vm.host", "VmError"),
         ("telemetry.folder", "FolderError"),
+        ("telemetry.monitor.filters", "FilterError"),
+        ("telemetry.databases", "DatabaseError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),
         ("campaign.workers", "WorkersError"),

@@ -26,6 +26,7 @@ COMMANDS = {
     "ecu": ("dbw.stack", "Run a single node until Ctrl-C."),
     "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
+    "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vm": ("dbw.vm", "Run commands in a virtual machine that has SocketCAN."),
 }
