@@ -15,6 +15,11 @@ REMOTE_FLAG: Final = 0x4000_0000
 ERROR_FLAG: Final = 0x2000_0000
 EXTENDED_ID_MAX: Final = 0x1FFF_FFFF
 
+ERROR_CLASSES_ALL: Final = 0x1FFF_FFFF
+"""Mask of error frames of every class (linux/can/error.h)."""
+ANY: Final = "any"
+"""Channel that stands for all of SocketCAN's, as candump has it."""
+
 FD_BIT_RATE_SWITCH: Final = 0x01
 FD_ERROR_STATE: Final = 0x02
 

@@ -15,13 +15,10 @@ from contextlib import ExitStack
 from typing import Final, Protocol, Self
 
 from canbus.bus import BusError
-from canbus.heard import CLASSICAL, REMOTE_FLAG, Heard
+from canbus.heard import ANY, CLASSICAL, ERROR_CLASSES_ALL, REMOTE_FLAG, Heard
 from canbus.socketcan import make_room, receive_drops
 
 SOCKETCAN: Final = "socketcan"
-ANY: Final = "any"
-"""Channel that stands for all of SocketCAN's, as candump has it."""
-ERROR_CLASSES_ALL: Final = 0x1FFF_FFFF
 BACKLOG_FRAMES: Final = 4096
 """Room in a socket's queue, if the system grants it: half a second of a full 1 Mbit/s bus."""
 HEAR_FRAMES_MAX: Final = 4096

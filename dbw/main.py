@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 import click
 
@@ -75,6 +74,8 @@ class LazyGroup(PlainGroup):
 
 
 def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # as slow as all of click
+
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:

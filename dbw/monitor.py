@@ -159,6 +159,7 @@ def run_monitor(options: MonitorOptions) -> int:
                 listener=listener_of(options, selection),
                 interpreter=interpreter,
                 selection=selection,
+                channels=channels_of(selection),
                 bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(),
                 with_colours=_wants_colours(options.colour),
             )
@@ -194,12 +195,17 @@ def _catalogue(options: MonitorOptions) -> Catalogue:
     return Catalogue(databases)
 
 
+def channels_of(selection: Selection) -> list[str]:
+    """The channels to listen to."""
+    return [source.channel for source in selection.sources] or [DEFAULT_CHANNEL]
+
+
 def listener_of(options: MonitorOptions, selection: Selection) -> Listener:
     """What hears the channels that were asked for."""
     from canbus.listener import SOCKETCAN, PythonCanListener, SocketcanListener
     from runtime.clock import monotonic_ns, realtime_ns
 
-    channels = [source.channel for source in selection.sources] or [DEFAULT_CHANNEL]
+    channels = channels_of(selection)
     if options.interface == SOCKETCAN:
         classes = [source.error_classes for source in selection.sources]
         return SocketcanListener(channels, realtime=realtime_ns, error_classes=classes)

@@ -6,16 +6,19 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import click
 
 from canbus.candump import parse_log_line
 from canbus.heard import Heard
-from canbus.listener import Listener
 from dbw.failures import UserMistake
 from runtime.clock import NS_PER_MS, monotonic_ns
-from telemetry.monitor.plain import LineWriter
 from telemetry.monitor.style import coloured, plain_text
+
+if TYPE_CHECKING:
+    from canbus.listener import Listener
+    from telemetry.monitor.plain import LineWriter
 
 CHUNK_BYTES = 1 << 16
 WAIT_NS = 500_000_000

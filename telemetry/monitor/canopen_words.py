@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from typing import Final
 
 from canbus.canopen_protocol import (
     HEARTBEAT_ID,
     NMT_ID,
     NODE_ID_MAX,
-    SDO_BYTES,
     SDO_REQUEST_ID,
     SDO_RESPONSE_ID,
     NmtCommand,
@@ -19,8 +17,6 @@ from canbus.canopen_protocol import (
 from canbus.node import NODE_IDS
 from dbc.messages import ErrorCode, Reason
 from gateway.sentences import REASON_TEXT
-from telemetry.monitor.object_names import object_name, object_value
-from telemetry.monitor.sdo_aborts import ABORT_TEXT
 
 SYNC_ID: Final = 0x080
 TIME_ID: Final = 0x100
@@ -34,9 +30,6 @@ EMCY_DEVICE: Final = 0xFF00
 """Emergency codes from here on are the device's own; ours are this and the number of ERn."""
 
 _NODE_MASK: Final = 0x7F
-_MULTIPLEXER: Final = struct.Struct("<BHB")
-_EXPEDITED: Final = 0x02
-_SIZE_GIVEN: Final = 0x01
 _EMCY: Final = struct.Struct("<HBBBB")
 _NODE_NAMES: Final = {number: name for name, number in NODE_IDS.items()}
 _NMT_TEXT: Final = {
@@ -129,80 +122,12 @@ class CanopenWords:
         return f"{who}: 0x{error:04X} {kind}, register 0x{register:02X}, {rest}"
 
     def _sdo(self, node_id: int, data: bytes, *, is_request: bool) -> str:
-        who = f"SDO {'to' if is_request else 'from'} {self._node(node_id)}"
-        if len(data) != SDO_BYTES:
-            return f"{who}: malformed"
-        command, index, subindex = _MULTIPLEXER.unpack_from(data)
-        say = (_REQUESTS if is_request else _RESPONSES).get(command >> 5)
-        if say is None:
-            return f"{who}: unknown command 0x{command:02X}"
-        product = self._node(node_id) if self._is_own else ""
-        return f"{who}: {say(product, index, subindex, data)}"
+        from telemetry.monitor.sdo_words import sdo_words  # reads EDS files
+
+        node = self._node(node_id)
+        said = sdo_words(data, node if self._is_own else "", is_request=is_request)
+        return f"SDO {'to' if is_request else 'from'} {node}: {said}"
 
 
 def _codes(bits: int) -> str:
     return " ".join(f"ER{n}" for n in range(7) if bits >> n & 1)
-
-
-_Say = Callable[[str, int, int, bytes], str]
-"""Words for a node, an index, a sub-index and the whole frame."""
-
-
-def _abort(node: str, index: int, subindex: int, data: bytes) -> str:
-    code = int.from_bytes(data[4:], "little")
-    why = ABORT_TEXT.get(code, "unknown abort code")
-    return f"abort {object_name(node, index, subindex)}: {why} (0x{code:08X})"
-
-
-def _transfer(verb: str) -> _Say:
-    """A transfer's start: with the value if that fits, or with the length that is to come."""
-
-    def say(node: str, index: int, subindex: int, data: bytes) -> str:
-        target, command = object_name(node, index, subindex), data[0]
-        if not command & _EXPEDITED:
-            size = int.from_bytes(data[4:], "little")
-            return f"{verb} {target} in segments" + f", {size} bytes" * (command & _SIZE_GIVEN)
-        size = 4 - (command >> 2 & 3) if command & _SIZE_GIVEN else 4
-        return f"{verb} {target} = {object_value(node, index, subindex, data[4 : 4 + size])}"
-
-    return say
-
-
-def _about_object(verb: str) -> _Say:
-    return lambda node, index, subindex, data: f"{verb} {object_name(node, index, subindex)}"
-
-
-def _segment(verb: str) -> _Say:
-    def say(node: str, index: int, subindex: int, data: bytes) -> str:
-        content = data[1 : 8 - (data[0] >> 1 & 7)]
-        text = content.decode("ascii", errors="replace")
-        shown = repr(text) if text.isprintable() and text.isascii() else content.hex(" ").upper()
-        return f"{verb} segment {shown}" + ", the last" * (data[0] & 1)
-
-    return say
-
-
-def _plain(text: str) -> _Say:
-    return lambda node, index, subindex, data: text
-
-
-_REQUESTS: Final[dict[int, _Say]] = {
-    0: _segment("write"),
-    1: _transfer("write"),
-    2: _about_object("read"),
-    3: _plain("read the next segment"),
-    4: _abort,
-    5: _plain("block read"),
-    6: _plain("block write"),
-}
-"""By client command specifier (CiA 301, 7.2.4.3)."""
-_RESPONSES: Final[dict[int, _Say]] = {
-    0: _segment("read"),
-    1: _plain("segment written"),
-    2: _transfer("answer"),
-    3: _about_object("written"),
-    4: _abort,
-    5: _plain("block write"),
-    6: _plain("block read"),
-}
-"""By server command specifier."""

@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Self
 
-from canbus.heard import ERROR_FLAG, EXTENDED_FLAG
-from canbus.listener import ERROR_CLASSES_ALL
+from canbus.heard import ERROR_CLASSES_ALL, ERROR_FLAG, EXTENDED_FLAG
 
 _FILTER: Final = re.compile(r"([0-9A-Fa-f]{1,8})([:~])([0-9A-Fa-f]{1,8})")
 _ERRORS: Final = re.compile(r"#([0-9A-Fa-f]{1,8})")

@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
 from canbus.frame import CAN_ID_MAX
@@ -31,11 +31,15 @@ Value = int | float | str
 
 @dataclass(frozen=True, slots=True)
 class SignalValue:
-    """One signal of a frame. `value` is NaN where the sender says that it has none."""
+    """One signal of a frame. `value` is NaN where the sender says that it has none.
+
+    `number` is the value for a plot: of a value with a name its number, else the value itself.
+    """
 
     name: str
     value: Value
     unit: str
+    number: float
 
     def text(self) -> str:
         """Value and unit, `12.35 ms`; at most ten digits, so that 12.35 stays 12.35."""
@@ -93,9 +97,8 @@ class OwnMessage(Known):
         values = []
         for name, unit in self.spec.units.items():
             value = getattr(decoded.message, name)
-            if isinstance(value, Enum):
-                value = value.name
-            values.append(SignalValue(name, value, "" if unit == "1" else unit))
+            shown = value.name if isinstance(value, IntEnum) else value
+            values.append(SignalValue(name, shown, "" if unit == "1" else unit, float(value)))
         return Content(tuple(values))
 
     def _fault_text(self, fault: FrameFault, data: bytes) -> str:
@@ -137,8 +140,12 @@ class ForeignMessage(Known):
             return Content(fault="cannot be read: a container message")
         values = []
         for name, value in decoded.items():
-            shown = value if isinstance(value, int | float) else printable(str(value))
-            values.append(SignalValue(str(name), shown, self.units.get(str(name), "")))
+            shown: Value
+            if isinstance(value, int | float):
+                shown, number = value, float(value)
+            else:
+                shown, number = printable(str(value)), float(getattr(value, "value", math.nan))
+            values.append(SignalValue(str(name), shown, self.units.get(str(name), ""), number))
         return Content(tuple(values))
 
 

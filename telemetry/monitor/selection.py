@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from canbus.heard import Heard
-from canbus.listener import ANY
+from canbus.heard import ANY, Heard
 from telemetry.monitor.filters import FilterError, Source
 from telemetry.monitor.known import Catalogue, Known
 
@@ -35,9 +33,13 @@ class Selection:
 
     def passes(self, heard: Heard, known: Known | None) -> bool:
         """Whether a frame is wanted, `known` being its message."""
+        return self.wants(heard.channel, heard.word, known)
+
+    def wants(self, channel: str, word: int, known: Known | None) -> bool:
+        """The same by channel and identifier with its flags."""
         if self.sources:
-            source = self._by_channel.get(heard.channel) or self._by_channel.get(ANY)
-            if source is None or not source.passes(heard.word):
+            source = self._by_channel.get(channel) or self._by_channel.get(ANY)
+            if source is None or not source.passes(word):
                 return False
         return not self.by_name or (known is not None and known.name in self.names)
 
@@ -95,6 +97,8 @@ def _nearest(what: str, name: str, names: Iterable[str]) -> str:
     found = by_plain.get(_plain(name))
     if found is not None:
         return found
+    import difflib  # only mistyped names need it
+
     close = difflib.get_close_matches(_plain(name), by_plain, n=3, cutoff=0.5)
     if close:
         raise FilterError(f"no {what} {name!r}: nearest {', '.join(by_plain[c] for c in close)}")
