@@ -18,6 +18,7 @@ from telemetry.monitor.meaning import Interpreter
 from telemetry.monitor.protection import Protection
 
 NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
 ROWS_MAX: Final = 2_500
 """All 11-bit identifiers and some more; what does not fit is counted as unlisted."""
 RATE_SPAN_NS: Final = NS_PER_S

@@ -10,7 +10,7 @@ from dbc.protection import USABLE
 from telemetry.monitor.braille import curve
 from telemetry.monitor.health import NONE, NodeHealth, car_health, node_health
 from telemetry.monitor.known import SignalValue
-from telemetry.monitor.model import NS_PER_S, BusModel, Presence, Row
+from telemetry.monitor.model import NS_PER_MS, NS_PER_S, BusModel, Presence, Row
 from telemetry.monitor.style import (
     BAD,
     BOLD,
@@ -26,7 +26,7 @@ from telemetry.monitor.style import (
     Style,
     fitted,
 )
-from telemetry.monitor.view import HELP, View
+from telemetry.monitor.view import HELP, View, sender
 
 Line = list[Span]
 
@@ -37,8 +37,10 @@ PLOT_SPAN_NS: Final = 20 * NS_PER_S
 PLOT_LABEL: Final = 12
 ROWS_MIN: Final = 3
 NAME_WIDTH_MAX: Final = 30
+WIDE: Final = 120
+"""Cells from which on all columns are shown."""
 DATA_BYTES_SHOWN: Final = 8
-DATA_WIDTH: Final = 3 * DATA_BYTES_SHOWN + 1
+DATA_WIDTH: Final = 3 * DATA_BYTES_SHOWN
 _STYLE: Final = {
     Presence.ALIVE: GOOD,
     Presence.LATE: WARN,
@@ -87,8 +89,10 @@ class Screen:
             return [[Span("Keys", BOLD)], *([Span(text, PLAIN)] for text in HELP)]
         head = [*self._bus_lines(lost), *self._car_lines(now_ns, width)]
         plot = self._plot_lines(width, now_ns) if height >= len(head) + 2 * PLOT_HEIGHT else []
-        room = max(ROWS_MIN, height - len(head) - len(plot) - 1)
-        return [*head, *self._table(room, now_ns), *plot]
+        detail = self._detail_lines(width)
+        room = max(ROWS_MIN, height - len(head) - len(plot) - len(detail) - 1)
+        table = self._table(room, width, now_ns)
+        return [*head, *table[: room + 1], *detail, *plot]
 
     def _bus_lines(self, lost: int) -> list[Line]:
         lines = []
@@ -96,7 +100,7 @@ class Screen:
             load = channel.bits_per_s / self._bitrate_bps
             most = channel.bits_per_s_max / self._bitrate_bps
             line = [
-                Span(f"{name:<8}", BOLD),
+                Span(f"{name:<8} ", BOLD),
                 Span(f"load {load:6.1%}", BAD if load > 0.9 else WARN if load > 0.6 else PLAIN),
                 Span(f"  most {most:6.1%}  of {self._bitrate_bps // 1000} kbit/s  ", DIM),
                 Span(f"{channel.frames_per_s:6.0f} frames/s", PLAIN),
@@ -129,7 +133,26 @@ class Screen:
             ])  # fmt: skip
         return [*lines, *_wrapped([_node_line(n) for n in node_health(self._model, now_ns)], width)]
 
-    def _table(self, room: int, now_ns: int) -> list[Line]:
+    def _detail_lines(self, width: int) -> list[Line]:
+        """Of the chosen row all that its newest frame says, and all its bytes."""
+        row = self._model.rows.get(self._view.chosen) if self._view.chosen else None
+        if row is None or row.heard is None:
+            return []
+        meaning = self._model.interpreter.meaning(row.heard, row.known)
+        by = sender(row.known)
+        items = [[Span(row.name or id_text(row.word), BOLD), Span(f" of {by}" if by else "", DIM)]]
+        items += [
+            [Span(f"{value.name}=", DIM), Span(value.text(), PLAIN)]
+            for value in meaning.content.values
+        ]
+        said = meaning.words or meaning.content.fault
+        items += [[Span(said, BAD if meaning.is_bad else PLAIN)]] if said else []
+        data = row.heard.data.hex(" ").upper()
+        items += [[Span(data[at : at + 48], DIM)] for at in range(0, len(data), 48)]
+        return _wrapped(items, width)
+
+    def _table(self, room: int, width: int, now_ns: int) -> list[Line]:
+        is_wide = width >= WIDE
         view = self._view
         rows = view.rows(self._model, now_ns)
         view.page = max(1, room - 1)
@@ -145,47 +168,45 @@ class Screen:
             channel_width = 0
         header = (
             f"{'':{channel_width}}{'ID':>8} {'MESSAGE':<{name_width}} {'STATE':<7} "
-            f"{'AGE ms':>7} {'RATE':>6}{'/DBC':<5} {'GAP ms':>7} {'COUNTER':<17} {'BAD':>4} "
-            f"{'DATA':<{DATA_WIDTH}}  VALUES"
+            f"{'AGE ms':>7} {'RATE':>6}{'/DBC':<5} "
         )
-        return [
-            [Span(f"{header:<400}", TITLE)],
-            *(
-                self._row_line(row, name, name_width, channel_width, now_ns)
-                for row, name in zip(shown, names, strict=True)
-            ),
-        ]
+        more = f"{'GAP ms':>7} {'COUNTER':<17} {'BAD':>4} {'DATA':<{DATA_WIDTH}} "
+        header += more if is_wide else f"{'COUNTER':<17} "
+        lines = [[Span(f"{header + 'VALUES':<{width}}", TITLE)]]
+        for row, name in zip(shown, names, strict=True):
+            title = Span(f"{row.channel:<{channel_width}}" if channel_width else "", DIM)
+            lines.append([title, *self._row_spans(row, name, name_width, is_wide, now_ns)])
+        return lines
 
     def _title(self, row: Row) -> str:
         if row.word & ERROR_FLAG:
             return "ERRORFRAME"
         return row.name + " (remote)" * bool(row.word & REMOTE_FLAG)
 
-    def _row_line(
-        self, row: Row, name: str, name_width: int, channel_width: int, now_ns: int
+    def _row_spans(
+        self, row: Row, name: str, name_width: int, is_wide: bool, now_ns: int
     ) -> Line:
         presence = row.presence(now_ns)
         is_chosen = (row.channel, row.word) == self._view.chosen
         is_gone = presence is Presence.MISSING
         quiet: Style = DIM if is_gone else PLAIN
-        age = f"{(now_ns - row.newest_ns) / 1e6:7.0f}" if row.count else f"{'-':>7}"
+        name_style = BAD if row.word & ERROR_FLAG else DIM if is_gone else MESSAGE
+        age = f"{(now_ns - row.newest_ns) / NS_PER_MS:7.0f}" if row.count else f"{'-':>7}"
         cycle_ns = row.known.cycle_ns if row.known is not None and row.missing_after_ns else 0
-        wanted = f"/{NS_PER_S / cycle_ns:<4.0f}" if cycle_ns else f"{'':5}"
-        gap = f"{row.gap_ns_max / 1e6:7.0f}" if row.count > 1 else f"{'-':>7}"
-        is_wrong = row.word & ERROR_FLAG
-        return [
-            Span(f"{row.channel:<{channel_width}}" if channel_width else "", DIM),
+        spans = [
             Span(f"{id_text(row.word):>8} ", CHOSEN if is_chosen else quiet),
-            Span(f"{name[:name_width]:<{name_width}} ", BAD if is_wrong else
-                 DIM if is_gone else MESSAGE),
+            Span(f"{name[:name_width]:<{name_width}} ", name_style),
             Span(f"{presence.value:<7} ", _STYLE[presence]),
             Span(f"{age} {row.rate_hz:6.1f}", quiet),
-            Span(wanted, DIM),
-            Span(f" {gap} ", BAD if row.timeouts else quiet),
-            *_verdict(row, quiet),
-            *_data(row, now_ns, quiet),
-            *self._values(row, quiet),
-        ]  # fmt: skip
+            Span(f"/{NS_PER_S / cycle_ns:<4.0f} " if cycle_ns else f"{'':6}", DIM),
+        ]
+        if is_wide:
+            gap = f"{row.gap_ns_max / NS_PER_MS:7.0f}" if row.count > 1 else f"{'-':>7}"
+            spans.append(Span(f"{gap} ", BAD if row.timeouts else quiet))
+        spans += _verdict(row, quiet, is_wide)
+        if is_wide:
+            spans += _data(row, now_ns, quiet)
+        return spans + self._values(row, quiet)
 
     def _values(self, row: Row, quiet: Style) -> Line:
         """What the newest frame says; flags that are not set are left out."""
@@ -193,14 +214,14 @@ class Screen:
             return []
         meaning = self._model.interpreter.meaning(row.heard, row.known)
         if meaning.content.fault:
-            return [Span(f"  {meaning.content.fault}", BAD)]
+            return [Span(meaning.content.fault, BAD)]
         if meaning.words:
-            return [Span(f"  {meaning.words}", BAD if meaning.is_bad else quiet)]
+            return [Span(meaning.words, BAD if meaning.is_bad else quiet)]
         only = self._view.selection.signals
         texts = [
             _short(value) for value in meaning.content.values if not only or value.name in only
         ]
-        return [Span("  " + "  ".join(text for text in texts if text), quiet)]
+        return [Span("  ".join(text for text in texts if text), quiet)]
 
     def _plot_lines(self, width: int, now_ns: int) -> list[Line]:
         if self._model.plotted is None:
@@ -274,28 +295,30 @@ def _wrapped(items: list[Line], width: int) -> list[Line]:
     return lines
 
 
-def _verdict(row: Row, quiet: Style) -> Line:
+def _verdict(row: Row, quiet: Style, is_wide: bool) -> Line:
+    """Counter and CRC of the newest frame, and how many frames were not as they should be."""
     protection = row.protection
     if protection is None or not row.count:
-        return [Span(f"{'':17} {'':>4} ", PLAIN)]
+        return [Span(f"{'':23}" if is_wide else f"{'':18}", PLAIN)]
     is_good = protection.state in USABLE or protection.is_first
-    return [
-        Span(f"{protection.text():<17} ", (GOOD if is_good else BAD) if quiet is PLAIN else quiet),
-        Span(f"{protection.faults:>4} ", BAD if protection.faults else quiet),
-    ]
+    style = (GOOD if is_good else BAD) if quiet is PLAIN else quiet
+    spans = [Span(f"{protection.text():<17} ", style)]
+    if is_wide:
+        spans.append(Span(f"{protection.faults:>4} ", BAD if protection.faults else quiet))
+    return spans
 
 
 def _data(row: Row, now_ns: int, quiet: Style) -> Line:
     """The bytes, those that changed of late marked; of a long frame only the first ones."""
     if row.heard is None:
-        return [Span(f"{'':{DATA_WIDTH}}", PLAIN)]
+        return [Span(f"{'':{DATA_WIDTH + 1}}", PLAIN)]
     data = row.heard.data
     spans = []
     for value, changed_ns in zip(data[:DATA_BYTES_SHOWN], row.changed_ns, strict=False):
         is_marked = changed_ns and now_ns - changed_ns < CHANGED_NS
         spans.append(Span(f"{value:02X} ", CHANGED if is_marked else quiet))
     rest = "+" if len(data) > DATA_BYTES_SHOWN else ""
-    return [*spans, Span(f"{rest:<{DATA_WIDTH - 3 * len(spans)}}", quiet)]
+    return [*spans, Span(f"{rest:{DATA_WIDTH - 3 * len(spans)}} ", quiet)]
 
 
 def _short(value: SignalValue) -> str:
