@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
-from dbw.options import WholeNumber, bitrate_option, interface_option
+from dbw.options import WholeNumber, bitrate_option, interface_option, vehicle_option
 
 if TYPE_CHECKING:
     from canbus.listener import Listener
@@ -31,6 +31,7 @@ class MonitorOptions:
     buses: tuple[str, ...]
     interface: str
     bitrate_bps: int | None
+    vehicle: str
     stamp: str
     as_log: bool
     with_meaning: bool
@@ -65,6 +66,7 @@ Filters, as candump's, in hexadecimal (eight digits for 29-bit identifiers):
 @click.argument("buses", nargs=-1, metavar="[CHANNEL[,FILTER]...]...")
 @interface_option
 @bitrate_option
+@vehicle_option
 @click.option(
     "-t",
     "--time",
@@ -160,7 +162,7 @@ def run_monitor(options: MonitorOptions) -> int:
                 interpreter=interpreter,
                 selection=selection,
                 channels=channels_of(selection),
-                bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(),
+                bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(options.vehicle),
                 with_colours=_wants_colours(options.colour),
             )
         return _write_lines(options, interpreter, selection)
@@ -218,10 +220,10 @@ def listener_of(options: MonitorOptions, selection: Selection) -> Listener:
     )
 
 
-def _vehicle_bitrate_bps() -> int:
+def _vehicle_bitrate_bps(vehicle: str) -> int:
     from vehicles import load_vehicle
 
-    return round(load_vehicle("tabby_evo").bus.bitrate_bps)
+    return round(load_vehicle(vehicle).bus.bitrate_bps)
 
 
 def _wants_colours(colour: str) -> bool:
@@ -234,13 +236,14 @@ def _write_lines(
     options: MonitorOptions, interpreter: Interpreter, selection: Selection
 ) -> int:
     from dbw.monitor_lines import LineOutput, write_bus, write_log
+    from runtime.clock import local_text
     from telemetry.monitor.plain import LineWriter, Stamp, StampWriter
 
     output = LineOutput(
         writer=LineWriter(
             interpreter=interpreter,
             selection=selection,
-            stamps=StampWriter(Stamp(options.stamp)),
+            stamps=StampWriter(Stamp(options.stamp), local_text),
             channel_width=max((len(source.channel) for source in selection.sources), default=0),
             with_meaning=options.with_meaning,
             as_log=options.as_log,

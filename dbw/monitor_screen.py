@@ -58,7 +58,12 @@ class LiveMonitor:
         self._view = View(selection)
         self._screen = Screen(self._model, self._view, bitrate_bps)
         self._draw_ns = 0
-        self._notes: list[str] = []
+        self._note = ""
+
+    @property
+    def frames(self) -> int:
+        """Frames heard so far."""
+        return sum(channel.frames for channel in self._model.channels.values())
 
     def run(self) -> None:
         """Until the end is asked for, or the terminal is gone."""
@@ -79,7 +84,10 @@ class LiveMonitor:
         if keys or now_ns >= self._draw_ns:
             self._draw_ns = now_ns + DRAW_NS
             width, height = self._terminal.size()
-            lines = self._screen.lines(width, height, now_ns, self._listener.lost)
+            self._note = next(iter(self._listener.notes()[-1:]), self._note)
+            lines = self._screen.lines(
+                width, height, now_ns, lost=self._listener.lost, note=self._note
+            )
             self._terminal.draw(lines)
 
 

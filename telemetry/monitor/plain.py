@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
@@ -14,7 +14,7 @@ from telemetry.monitor.known import Known
 from telemetry.monitor.meaning import Interpreter, Meaning
 from telemetry.monitor.protection import Protection
 from telemetry.monitor.selection import Selection
-from telemetry.monitor.style import BAD, DIM, GOOD, MESSAGE, PLAIN, Span, plain_text
+from telemetry.monitor.style import BAD, DIM, GOOD, MESSAGE, PLAIN, Span, plain_text, printable
 
 COLUMNS_WIDTH: Final = 36
 """Of identifier, length and eight bytes; what a longer frame means follows behind it."""
@@ -38,9 +38,14 @@ class StampWriter:
 
     Delta and relative times of frames that come out of order, or after the system's clock was set
     back, are negative.
+
+    Attributes:
+        kind: Which time.
+        local_text: Date and time of day of whole seconds since 1970.
     """
 
     kind: Stamp
+    local_text: Callable[[int], str] = str
     _first_ns: int | None = None
     _last_ns: int = 0
 
@@ -51,8 +56,8 @@ class StampWriter:
         if self._first_ns is None:
             self._first_ns = self._last_ns = time_ns
         if self.kind is Stamp.DATE:
-            when = datetime.datetime.fromtimestamp(time_ns // NS_PER_S)
-            return f"({when:%Y-%m-%d %H:%M:%S}.{time_ns % NS_PER_S // NS_PER_US:06d})"
+            when = self.local_text(time_ns // NS_PER_S)
+            return f"({when}.{time_ns % NS_PER_S // NS_PER_US:06d})"
         start_ns = {Stamp.DELTA: self._last_ns, Stamp.ZERO: self._first_ns}.get(self.kind, 0)
         self._last_ns = time_ns
         us = (time_ns - start_ns) // NS_PER_US
@@ -95,7 +100,7 @@ class LineWriter:
         head = f" {stamp} " if stamp else " "
         spans = [
             Span(head, DIM),
-            Span(f" {heard.channel:>{self.channel_width}}  ", PLAIN),
+            Span(f" {printable(heard.channel):>{self.channel_width}}  ", PLAIN),
         ]
         if not self.with_meaning:
             tail = self._candump_tail(heard)

@@ -25,6 +25,7 @@ from telemetry.monitor.style import (
     Span,
     Style,
     fitted,
+    printable,
 )
 from telemetry.monitor.view import HELP, View, sender
 
@@ -66,7 +67,9 @@ class Screen:
         self._top = 0
         self._frozen: list[Line] | None = None
 
-    def lines(self, width: int, height: int, now_ns: int, lost: int = 0) -> list[Line]:
+    def lines(
+        self, width: int, height: int, now_ns: int, *, lost: int = 0, note: str = ""
+    ) -> list[Line]:
         """As many lines as the terminal has; each at most as long as it is wide.
 
         Args:
@@ -74,20 +77,23 @@ class Screen:
             height: Of the terminal, in lines.
             now_ns: Monotonic time.
             lost: Frames that the kernel has thrown away.
+            note: What happened to a channel.
         """
         self._model.tick(now_ns)
         body = self._frozen
         if body is None or not self._view.is_paused:
-            body = self._body(width, max(0, height - 1), now_ns, lost)
+            top = self._bus_lines(lost)
+            top += [[Span(note, WARN)]] if note else []
+            body = self._body(top, width, max(0, height - 1), now_ns)
         self._frozen = body if self._view.is_paused else None
         lines = [fitted(line, width) for line in body[: height - 1]]
         lines += [[] for _ in range(height - 1 - len(lines))]
         return [*lines, fitted(self._last_line(), width)]
 
-    def _body(self, width: int, height: int, now_ns: int, lost: int) -> list[Line]:
+    def _body(self, top: list[Line], width: int, height: int, now_ns: int) -> list[Line]:
         if self._view.with_help:
             return [[Span("Keys", BOLD)], *([Span(text, PLAIN)] for text in HELP)]
-        head = [*self._bus_lines(lost), *self._car_lines(now_ns, width)]
+        head = [*top, *self._car_lines(now_ns, width)]
         plot = self._plot_lines(width, now_ns) if height >= len(head) + 2 * PLOT_HEIGHT else []
         detail = self._detail_lines(width)
         room = max(ROWS_MIN, height - len(head) - len(plot) - len(detail) - 1)
@@ -100,7 +106,7 @@ class Screen:
             load = channel.bits_per_s / self._bitrate_bps
             most = channel.bits_per_s_max / self._bitrate_bps
             line = [
-                Span(f"{name:<8} ", BOLD),
+                Span(f"{printable(name):<8} ", BOLD),
                 Span(f"load {load:6.1%}", BAD if load > 0.9 else WARN if load > 0.6 else PLAIN),
                 Span(f"  most {most:6.1%}  of {self._bitrate_bps // 1000} kbit/s  ", DIM),
                 Span(f"{channel.frames_per_s:6.0f} frames/s", PLAIN),
@@ -174,7 +180,7 @@ class Screen:
         header += more if is_wide else f"{'COUNTER':<17} "
         lines = [[Span(f"{header + 'VALUES':<{width}}", TITLE)]]
         for row, name in zip(shown, names, strict=True):
-            title = Span(f"{row.channel:<{channel_width}}" if channel_width else "", DIM)
+            title = Span(f"{printable(row.channel):<{channel_width}}" if channel_width else "", DIM)
             lines.append([title, *self._row_spans(row, name, name_width, is_wide, now_ns)])
         return lines
 
