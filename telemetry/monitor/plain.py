@@ -60,7 +60,7 @@ class StampWriter:
             return f"({when}.{time_ns % NS_PER_S // NS_PER_US:06d})"
         start_ns = {Stamp.DELTA: self._last_ns, Stamp.ZERO: self._first_ns}.get(self.kind, 0)
         self._last_ns = time_ns
-        us = (time_ns - start_ns) // NS_PER_US
+        us = time_ns // NS_PER_US - start_ns // NS_PER_US
         sign, us = ("-", -us) if us < 0 else ("", us)
         width = 10 if self.kind is Stamp.ABSOLUTE else 3
         return f"({sign}{us // US_PER_S:0{width}d}.{us % US_PER_S:06d})"

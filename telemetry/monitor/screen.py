@@ -38,6 +38,7 @@ PLOT_SPAN_NS: Final = 20 * NS_PER_S
 PLOT_LABEL: Final = 12
 ROWS_MIN: Final = 3
 NAME_WIDTH_MAX: Final = 30
+COUNTER_WIDTH: Final = len("14 out of sequence")
 WIDE: Final = 120
 """Cells from which on all columns are shown."""
 DATA_BYTES_SHOWN: Final = 8
@@ -176,8 +177,8 @@ class Screen:
             f"{'':{channel_width}}{'ID':>8} {'MESSAGE':<{name_width}} {'STATE':<7} "
             f"{'AGE ms':>7} {'RATE':>6}{'/DBC':<5} "
         )
-        more = f"{'GAP ms':>7} {'COUNTER':<17} {'BAD':>4} {'DATA':<{DATA_WIDTH}} "
-        header += more if is_wide else f"{'COUNTER':<17} "
+        more = f"{'GAP ms':>7} {'COUNTER':<{COUNTER_WIDTH}} {'BAD':>4} {'DATA':<{DATA_WIDTH}} "
+        header += more if is_wide else f"{'COUNTER':<{COUNTER_WIDTH}} "
         lines = [[Span(f"{header + 'VALUES':<{width}}", TITLE)]]
         for row, name in zip(shown, names, strict=True):
             title = Span(f"{printable(row.channel):<{channel_width}}" if channel_width else "", DIM)
@@ -305,10 +306,10 @@ def _verdict(row: Row, quiet: Style, is_wide: bool) -> Line:
     """Counter and CRC of the newest frame, and how many frames were not as they should be."""
     protection = row.protection
     if protection is None or not row.count:
-        return [Span(f"{'':23}" if is_wide else f"{'':18}", PLAIN)]
+        return [Span(" " * (COUNTER_WIDTH + (6 if is_wide else 1)), PLAIN)]
     is_good = protection.state in USABLE or protection.is_first
     style = (GOOD if is_good else BAD) if quiet is PLAIN else quiet
-    spans = [Span(f"{protection.text():<17} ", style)]
+    spans = [Span(f"{protection.text():<{COUNTER_WIDTH}} ", style)]
     if is_wide:
         spans.append(Span(f"{protection.faults:>4} ", BAD if protection.faults else quiet))
     return spans
