@@ -21,7 +21,7 @@ from dbc.spec import MessageSpec
 from telemetry.monitor.style import printable
 
 if TYPE_CHECKING:
-    from telemetry.databases import Databases, Message
+    from telemetry.databases import Databases, Message, Signal
 
 NS_PER_MS: Final = 1_000_000
 NOT_AVAILABLE: Final = "n/a"
@@ -134,19 +134,46 @@ class ForeignMessage(Known):
             return Content(fault=f"{len(data)} bytes instead of {self.message.length}")
         try:
             decoded = self.message.decode(data)
-        except Exception as error:  # whatever a foreign DBC leads a decoder to
-            return Content(fault=f"cannot be read: {error}" if str(error) else "cannot be read")
+        except Exception:  # whatever a foreign DBC leads a decoder to
+            return self._read_one_by_one(data)
         if not isinstance(decoded, Mapping):
             return Content(fault="cannot be read: a container message")
+        return Content(tuple(self._value(str(name), value) for name, value in decoded.items()))
+
+    def _read_one_by_one(self, data: bytes) -> Content:
+        """Signals that overlap, or of which one cannot be read; multiplexed ones are left out."""
         values = []
-        for name, value in decoded.items():
-            shown: Value
-            if isinstance(value, int | float):
-                shown, number = value, float(value)
-            else:
-                shown, number = printable(str(value)), float(getattr(value, "value", math.nan))
-            values.append(SignalValue(str(name), shown, self.units.get(str(name), ""), number))
-        return Content(tuple(values))
+        for signal in self.message.signals:
+            if signal.multiplexer_ids is not None or signal.is_float:
+                continue
+            try:
+                value = signal.raw_to_scaled(_raw(signal, data))
+            except ValueError:
+                continue
+            values.append(self._value(signal.name, value))
+        return Content(tuple(values), "" if values else "cannot be read")
+
+    def _value(self, name: str, value: object) -> SignalValue:
+        shown: Value
+        if isinstance(value, int | float):
+            shown, number = value, float(value)
+        else:
+            shown, number = printable(str(value)), float(getattr(value, "value", math.nan))
+        return SignalValue(name, shown, self.units.get(name, ""), number)
+
+
+def _raw(signal: Signal, data: bytes) -> int:
+    """The number in a signal's bits, by the DBC's two ways to count them."""
+    mask = (1 << signal.length) - 1
+    if signal.byte_order == "little_endian":
+        if signal.start + signal.length > 8 * len(data):
+            raise ValueError("outside the frame")
+        raw = int.from_bytes(data, "little") >> signal.start & mask
+    else:
+        first = signal.start // 8 * 8 + 7 - signal.start % 8
+        raw = int.from_bytes(data, "big") >> 8 * len(data) - first - signal.length & mask
+    is_negative = signal.is_signed and raw >> signal.length - 1
+    return raw - mask - 1 if is_negative else raw
 
 
 def foreign_message(message: Message) -> ForeignMessage:

@@ -168,6 +168,16 @@ def test_a_foreign_dbc_gives_names_units_enums_and_no_more_digits_than_needed(
     assert told[0].endswith("heartbeat of node 5: operational")
 
 
+def test_a_message_with_overlapping_signals_is_read_signal_by_signal(tmp_path: Path) -> None:
+    path = tmp_path / "overlap.dbc"
+    text = FOREIGN_DBC.replace(" SG_ gear : 16|4@1+", " SG_ gear : 2|4@1-")
+    path.write_text(text.replace("24|8@1+", "7|16@0+"), encoding="utf-8")
+    names = Interpreter(Catalogue(load_databases([path], relaxed=True)))
+    found = lines([heard("100#2001000000000000")], writer(names=names))
+    # gear: bits 2 to 5 of 0x20 are 0b1000, signed -8; temperature: 0x2001 - 40, first byte first
+    assert found[0].endswith("ENGINE  speed=72 rpm, temperature=8153 degC, gear=-8")
+
+
 def test_our_own_dbc_among_others_keeps_the_fast_reader_and_canopens_words(tmp_path: Path) -> None:
     path = tmp_path / "foreign.dbc"
     path.write_text(FOREIGN_DBC, encoding="utf-8")
