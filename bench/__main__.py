@@ -11,7 +11,7 @@ import click
 from bench.table import Table
 from dbw.demo import interrupt_on_sigterm
 
-NAMES = ("codec", "speed", "demo", "lap", "emergency", "socketcan")
+NAMES = ("codec", "speed", "demo", "lap", "emergency", "monitor", "socketcan")
 """In this order: what times comes before what only computes."""
 
 ONLY_BY_NAME = ("socketcan",)
@@ -47,7 +47,7 @@ Examples:
 def main(names: tuple[str, ...], quick: bool) -> None:
     """Measure what the project claims and print markdown tables.
 
-    NAME is one or more of codec, speed, demo, lap, emergency, socketcan; without any, all
+    NAME is one or more of codec, speed, demo, lap, emergency, monitor, socketcan; without any, all
     but the last, which takes an hour or more in the virtual machine (`dbw vm`).
     """
     with interrupt_on_sigterm():  # workers end with their parent

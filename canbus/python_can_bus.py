@@ -13,6 +13,7 @@ import can
 
 from canbus.bus import ERROR_CLASS_TEXT, BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
+from canbus.heard import CLASSICAL, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Heard
 from canbus.socketcan import Arrivals, make_room, read_frame, receive_drops, write_frame
 
 SOCKETCAN = "socketcan"
@@ -122,7 +123,7 @@ class PythonCanBus:
                 interface=self._interface, channel=self._channel, ignore_config=True, **options
             )
         except Exception as error:  # drivers raise whatever they like, NameError included
-            raise BusError(_reason(self._interface, self._channel, error)) from error
+            raise BusError(reason_not_opened(self._interface, self._channel, error)) from error
         if self._interface == SOCKETCAN:
             self._socket = getattr(self._bus, "socket", None)
         if self._socket is not None and self._backlog_frames is not None:
@@ -196,6 +197,23 @@ class PythonCanBus:
             # Nothing accepted yet: wait on; otherwise only collect what is already there.
             wait_ns = 0 if frames else max(0, deadline_ns - now_ns)
         return frames
+
+    def hear(self) -> list[Heard]:
+        """All that waits, of whatever kind and with every flag; nothing is filtered or counted.
+
+        Stamped with the system's time of reading.
+        """
+        assert self._bus is not None and self._realtime is not None
+        heard: list[Heard] = []
+        try:
+            while len(heard) < RECEIVE_FRAMES_MAX:
+                message = self._bus.recv(0)
+                if message is None:
+                    break
+                heard.append(_to_heard(message, self._channel, self._realtime()))
+        except (can.CanError, OSError):
+            self._rx_failures += 1
+        return heard
 
     @property
     def statistics(self) -> BusStatistics:
@@ -295,7 +313,24 @@ def _to_frame(message: can.Message) -> Frame:
     return Frame(message.arbitration_id, bytes(message.data), kind)
 
 
-def _reason(interface: str, channel: str, error: Exception) -> str:
+def _to_heard(message: can.Message, channel: str, time_ns: int) -> Heard:
+    """`message` with every flag that it has."""
+    word = message.arbitration_id
+    word |= EXTENDED_FLAG * (message.is_extended_id and not message.is_error_frame)
+    word |= REMOTE_FLAG * message.is_remote_frame | ERROR_FLAG * message.is_error_frame
+    fd_flags = message.bitrate_switch | message.error_state_indicator << 1
+    data = bytes(message.data)
+    return Heard(
+        time_ns,
+        channel,
+        word,
+        data,
+        message.dlc if message.is_remote_frame else len(data),
+        fd_flags if message.is_fd else CLASSICAL,
+    )
+
+
+def reason_not_opened(interface: str, channel: str, error: Exception) -> str:
     """One line for the user: what could not be opened, why, what to do."""
     where = f"cannot open CAN channel '{channel}' on interface '{interface}'"
     if interface not in can.VALID_INTERFACES:

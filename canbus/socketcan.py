@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind
+from canbus.heard import ERROR_FLAG, EXTENDED_FLAG, EXTENDED_ID_MAX, REMOTE_FLAG
 from canbus.timing import (
     CRC_BITS,
     FIXED_TAIL_BITS,
@@ -37,10 +38,6 @@ _MEMINFO_DROPS: Final = 8
 
 _FRAME: Final = struct.Struct("=IB3x8s")
 """linux/can.h, `struct can_frame`: identifier with flags, length, data."""
-_EXTENDED_FLAG: Final = 0x8000_0000
-_REMOTE_FLAG: Final = 0x4000_0000
-_ERROR_FLAG: Final = 0x2000_0000
-_EXTENDED_ID_MAX: Final = 0x1FFF_FFFF
 
 _STAMP: Final = struct.Struct("@ll")
 """`struct timespec` of SO_TIMESTAMPNS, the one option of python-can's that adds to a frame."""
@@ -69,14 +66,14 @@ def read_frame(sock: socket.socket) -> tuple[Frame, int] | None:
 
 def _flagged(word: int, data: bytes) -> Frame:
     """A frame that is not plain data. A remote one with a 29-bit identifier is called EXTENDED."""
-    if word & _ERROR_FLAG:
+    if word & ERROR_FLAG:
         kind = FrameKind.ERROR
-    elif word & _EXTENDED_FLAG:
+    elif word & EXTENDED_FLAG:
         kind = FrameKind.EXTENDED
     else:
         kind = FrameKind.REMOTE
-    can_id = word & (_EXTENDED_ID_MAX if word & _EXTENDED_FLAG else CAN_ID_MAX)
-    return Frame(can_id, b"" if word & _REMOTE_FLAG else data, kind)
+    can_id = word & (EXTENDED_ID_MAX if word & EXTENDED_FLAG else CAN_ID_MAX)
+    return Frame(can_id, b"" if word & REMOTE_FLAG else data, kind)
 
 
 def write_frame(sock: socket.socket, frame: Frame) -> None:

@@ -202,6 +202,7 @@ def _spec_lines(message: Message) -> list[str]:
     senders = [s for s in message.senders if s != NO_NODE]
     receivers = ", ".join(repr(r) for r in sorted(message.receivers) if r != NO_NODE)
     low = snake(class_name(message))
+    units = ", ".join(f"{s.name!r}: {s.unit or ''!r}" for s in payload_signals(message))
     return [
         f"    0x{message.frame_id:03X}: MessageSpec(",
         f"        can_id=0x{message.frame_id:03X},",
@@ -214,6 +215,7 @@ def _spec_lines(message: Message) -> list[str]:
         f"        timeout_ns={ns('TimeoutTime')},",
         f"        min_interval_ns={ns('GenMsgDelayTime')},",
         f"        data_id={data_id},",
+        f"        units={{{units}}},",
         f"        pack=_pack_{low},",
         f"        unpack=_unpack_{low},",
         "    ),",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,6 +22,7 @@ class MessageSpec:
 
     `pack` turns the message's dataclass into the frame's payload as a little-endian integer with
     CRC and counter zero; `unpack` is its inverse. Times are the DBC's attributes in ns, 0 = none.
+    `units` has the message's signals, in the DBC's order, with their units.
     """
 
     can_id: int
@@ -33,5 +34,6 @@ class MessageSpec:
     timeout_ns: int
     min_interval_ns: int
     data_id: int | None
+    units: Mapping[str, str]
     pack: Callable[[Any], int]
     unpack: Callable[[int], Any]

@@ -43,6 +43,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("runtime.vm.host", "VmError"),
         ("telemetry.databases", "DatabaseError"),
         ("telemetry.folder", "FolderError"),
+        ("telemetry.monitor.filters", "FilterError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),
         ("campaign.workers", "WorkersError"),

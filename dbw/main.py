@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 import click
 
@@ -26,6 +25,7 @@ COMMANDS = {
     "ecu": ("dbw.stack", "Run a single node until Ctrl-C."),
     "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
+    "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),
@@ -76,6 +76,8 @@ class LazyGroup(PlainGroup):
 
 
 def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # as slow as all of click
+
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:

@@ -25,3 +25,8 @@ def realtime_ns() -> int:
     """The system's clock in ns since 1970, which may be set at any time: only to be compared with
     the kernel's stamps on frames."""
     return time.time_ns()
+
+
+def local_text(time_s: int) -> str:
+    """Date and time of day, in the local zone, of whole seconds since 1970."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(time_s))

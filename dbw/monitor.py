@@ -1,0 +1,259 @@
+"""`dbw monitor`: candump for this bus."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from dbw.failures import EXIT_OK, UserMistake
+from dbw.options import WholeNumber, bitrate_option, interface_option, vehicle_option
+
+if TYPE_CHECKING:
+    from canbus.listener import Listener
+    from telemetry.monitor.known import Catalogue
+    from telemetry.monitor.meaning import Interpreter
+    from telemetry.monitor.selection import Selection
+
+DEFAULT_CHANNEL: Final = "vcan0"
+COUNT_MAX: Final = 2**63 - 1
+TIMEOUT_MS_MAX: Final = 86_400_000
+STAMPS: Final = ("a", "d", "z", "A", "n")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MonitorOptions:
+    """The command line of `dbw monitor`."""
+
+    buses: tuple[str, ...]
+    interface: str
+    bitrate_bps: int | None
+    vehicle: str
+    stamp: str
+    as_log: bool
+    with_meaning: bool
+    colour: str
+    count: int | None
+    timeout_ms: int | None
+    dbc: tuple[str, ...]
+    relaxed: bool
+    canopen: bool | None
+    messages: tuple[str, ...]
+    signals: tuple[str, ...]
+    nodes: tuple[str, ...]
+    log: str | None
+    live: bool
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  dbw monitor vcan0
+  dbw monitor -ta can0,180:780 can1
+  dbw monitor --node Steering --signal SUPERVISOR_STATE.mode
+  dbw monitor --live vcan0
+  dbw monitor -L any | tee drive.log
+  dbw monitor -tz --log drive.log --dbc other.dbc --relaxed
+
+\b
+Filters, as candump's, in hexadecimal (eight digits for 29-bit identifiers):
+  ID:MASK  frames whose identifier fits      #MASK  only these classes of error frames
+  ID~MASK  all others                        j      frames that all filters pass, not any"""
+)
+@click.argument("buses", nargs=-1, metavar="[CHANNEL[,FILTER]...]...")
+@interface_option
+@bitrate_option
+@vehicle_option
+@click.option(
+    "-t",
+    "--time",
+    "stamp",
+    type=click.Choice(STAMPS),
+    default="n",
+    show_default=True,
+    help="Absolute, delta, since the first frame (z), Absolute with date, none.",
+)
+@click.option("-L", "as_log", is_flag=True, help="As candump -L: a log that its tools read.")
+@click.option("--raw", is_flag=True, help="candump's columns alone, without meaning.")
+@click.option(
+    "--color",
+    "colour",
+    type=click.Choice(["auto", "always", "never"]),
+    default="auto",
+    show_default=True,
+    help="auto: on terminals, unless NO_COLOR is set.",
+)
+@click.option("-n", "count", type=WholeNumber(1, COUNT_MAX), help="End after so many lines.")
+@click.option(
+    "-T",
+    "timeout_ms",
+    type=WholeNumber(1, TIMEOUT_MS_MAX),
+    help="End after so many ms without a frame.",
+)
+@click.option(
+    "--dbc",
+    multiple=True,
+    metavar="[CHANNEL=]FILE",
+    help="DBC to read frames with, several if need be; `vehicle` and `harness` are the project's.  "
+    "[default: vehicle]",
+)
+@click.option("--relaxed", is_flag=True, help="Load what can be read of a DBC with errors.")
+@click.option(
+    "--canopen/--no-canopen",
+    default=None,
+    help="CANopen's frames in words.  [default: on this project's bus]",
+)
+@click.option("--message", "messages", multiple=True, metavar="NAME", help="Only these messages.")
+@click.option(
+    "--signal",
+    "signals",
+    multiple=True,
+    metavar="[MESSAGE.]NAME",
+    help="Only these signals, and messages that carry them.",
+)
+@click.option("--node", "nodes", multiple=True, metavar="NAME", help="Only what these nodes send.")
+@click.option("--log", metavar="FILE|-", help="Read a log of candump -L, - for standard input.")
+@click.option("--live", is_flag=True, help="A screen with a row per message; h shows its keys.")
+def monitor(raw: bool, **given: Any) -> int:
+    """Watch a bus: candump's lines with their meaning, or a screen.
+
+    CHANNEL is an interface such as vcan0 (the default), or any; several are watched at once. Each
+    frame is shown with its message, whether counter and CRC are right, and its signals. Sends
+    nothing. What is lost because it was not read in time is told on stderr.
+    """
+    options = MonitorOptions(with_meaning=not raw, **given)
+    return run_monitor(options)
+
+
+def run_monitor(options: MonitorOptions) -> int:
+    """Watches until the end; answers the exit code.
+
+    Raises:
+        UserMistake, FilterError, DatabaseError, BusError: What the user can put right; nothing is
+            shown then.
+    """
+    from dbw.demo import interrupt_on_sigterm
+    from telemetry.monitor.filters import Source
+    from telemetry.monitor.meaning import Interpreter
+    from telemetry.monitor.selection import select
+
+    sources = [Source.parse(text) for text in options.buses]
+    if len({source.channel for source in sources}) != len(sources):
+        raise UserMistake("a channel is named twice: name it once, with all its filters")
+    _check_combination(options)
+    catalogue = _catalogue(options)
+    interpreter = Interpreter(catalogue, canopen=options.canopen)
+    selection = select(
+        catalogue,
+        sources,
+        messages=options.messages,
+        signals=options.signals,
+        nodes=options.nodes,
+    )
+    with interrupt_on_sigterm():
+        if options.live:
+            from dbw.monitor_screen import run_screen
+
+            return run_screen(
+                listener=listener_of(options, selection),
+                interpreter=interpreter,
+                selection=selection,
+                channels=channels_of(selection),
+                bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(options.vehicle),
+                with_colours=_wants_colours(options.colour),
+            )
+        return _write_lines(options, interpreter, selection)
+
+
+def _check_combination(options: MonitorOptions) -> None:
+    plain_only = {
+        "-L": options.as_log,
+        "--raw": not options.with_meaning,
+        "--log": options.log is not None,
+        "-n": options.count is not None,
+        "-T": options.timeout_ms is not None,
+    }
+    wrong = next((name for name, is_given in plain_only.items() if is_given), None)
+    if options.live and wrong:
+        raise UserMistake(f"--live and {wrong}: the screen shows a bus and keeps no lines")
+    if options.live and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UserMistake("--live needs a terminal: leave it away to write lines into a file")
+
+
+def _catalogue(options: MonitorOptions) -> Catalogue:
+    """What is known of the bus; cantools is imported only for a DBC that is given."""
+    from telemetry.monitor.known import Catalogue
+
+    if not options.dbc:
+        return Catalogue()
+    from telemetry.databases import load_databases
+
+    databases = load_databases(options.dbc, relaxed=options.relaxed)
+    for note in databases.notes:
+        click.echo(f"dbw: {note}", err=True)
+    return Catalogue(databases)
+
+
+def channels_of(selection: Selection) -> list[str]:
+    """The channels to listen to."""
+    return [source.channel for source in selection.sources] or [DEFAULT_CHANNEL]
+
+
+def listener_of(options: MonitorOptions, selection: Selection) -> Listener:
+    """What hears the channels that were asked for."""
+    from canbus.listener import SOCKETCAN, PythonCanListener, SocketcanListener
+    from runtime.clock import monotonic_ns, realtime_ns
+
+    channels = channels_of(selection)
+    if options.interface == SOCKETCAN:
+        classes = [source.error_classes for source in selection.sources]
+        return SocketcanListener(channels, realtime=realtime_ns, error_classes=classes)
+    return PythonCanListener(
+        options.interface,
+        channels,
+        clock=monotonic_ns,
+        realtime=realtime_ns,
+        bitrate=options.bitrate_bps,
+    )
+
+
+def _vehicle_bitrate_bps(vehicle: str) -> int:
+    from vehicles import load_vehicle
+
+    return round(load_vehicle(vehicle).bus.bitrate_bps)
+
+
+def _wants_colours(colour: str) -> bool:
+    if colour == "auto":
+        return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+    return colour == "always"
+
+
+def _write_lines(
+    options: MonitorOptions, interpreter: Interpreter, selection: Selection
+) -> int:
+    from dbw.monitor_lines import LineOutput, write_bus, write_log
+    from runtime.clock import local_text
+    from telemetry.monitor.plain import LineWriter, Stamp, StampWriter
+
+    output = LineOutput(
+        writer=LineWriter(
+            interpreter=interpreter,
+            selection=selection,
+            stamps=StampWriter(Stamp(options.stamp), local_text),
+            channel_width=max((len(source.channel) for source in selection.sources), default=0),
+            with_meaning=options.with_meaning,
+            as_log=options.as_log,
+        ),
+        with_colours=_wants_colours(options.colour),
+        count=options.count,
+    )
+    if options.log is not None:
+        write_log(output, options.log)
+    else:
+        with listener_of(options, selection) as listener:
+            write_bus(output, listener, options.timeout_ms)
+    return EXIT_OK
