@@ -4,8 +4,11 @@ share; the bytes are those of linux/can.h."""
 from __future__ import annotations
 
 import errno
+import select
 import socket
 import struct
+import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -64,8 +67,29 @@ class Wires:
         self.senders[channel].send(raw)
 
 
+@pytest.fixture(scope="module")
+def stamps() -> Iterator[None]:
+    """The kernel begins to stamp arrivals a moment after the first socket has asked for it.
+
+    Until then a frame's stamp is the time of its reading: looked at again and again, 2 ms later.
+    """
+    wires = Wires()
+    with wires.open("can0", 0) as receiver:
+        while True:
+            wires.send("can0", bytes(16))
+            select.select([receiver], [], [], 1.0)
+            threading.Event().wait(0.002)
+            before_ns = time.time_ns()
+            _, ancillary, _, _ = receiver.recvmsg(72, 64)
+            seconds, nanoseconds = struct.unpack("@ll", ancillary[0][2])
+            if seconds * 1_000_000_000 + nanoseconds < before_ns:
+                break
+        yield
+    wires.senders["can0"].close()
+
+
 @pytest.fixture
-def wires() -> Iterator[Wires]:
+def wires(stamps: None) -> Iterator[Wires]:
     wires = Wires()
     yield wires
     for sender in wires.senders.values():
