@@ -31,6 +31,7 @@ from runtime.launch import known_channels
 from runtime.nodes import NODES, STOP_ORDER
 from runtime.realtime import keep_collections_short
 from tests.vcan.bus_log import HARNESS_BUS, Line, candump, read_log
+from tests.vcan.shell import cansend
 from tests.vcan.stack import VEHICLE, VEHICLE_BUS, pause
 from vehicles import load_vehicle
 
@@ -43,6 +44,8 @@ PLANNER_PERIOD_NS = 100_000_000
 SEGMENT_M = 20.0
 ERROR_M_MAX = 0.15
 HEARTBEAT_ID = 0x700
+MARK_ID = 0x7FE
+"""Nobody's."""
 STANDING_MPS = 0.01
 
 
@@ -57,6 +60,13 @@ class Launched:
     def log(self, since_s: float = 0.0, channel: str = VEHICLE_BUS) -> list[Line]:
         """What was on a bus."""
         return [line for line in read_log(self.bus_log, since_s) if line.channel == channel]
+
+    def whole_log(self, channel: str) -> list[Line]:
+        """The same, to the last frame: candump may be late, so that its end is marked."""
+        since_s = cansend(f"{MARK_ID:03X}#", channel)
+        while not any(line.can_id == MARK_ID for line in self.log(since_s, channel)):
+            pause(0.05)
+        return [line for line in self.log(channel=channel) if line.can_id != MARK_ID]
 
     def newest(self, name: str) -> Any:
         """A message's content; None when it has not come of late."""
@@ -186,7 +196,7 @@ def test_sigterm_stops_a_driving_car_before_it_ends_anything_and_the_brakes_last
                 break
     assert up.process.returncode == 0, up.output.read_text()
     assert known_channels() == []
-    log, wires = up.log(), up.log(channel=HARNESS_BUS)
+    log, wires = up.whole_log(VEHICLE_BUS), up.whole_log(HARNESS_BUS)
     ended_s = {
         name: max(line.time_s for line in log if line.can_id in sent_by(entry.node))
         for name, entry in NODES.items()

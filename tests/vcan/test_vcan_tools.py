@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib.resources import files
@@ -16,6 +17,9 @@ from runtime.clock import monotonic_ns
 from runtime.status import listen
 from tests.vcan.stack import Stack, pause
 
+RECEIVERS = Path("/proc/net/can/rcvlist_all")
+"""Who hears every frame, by interface."""
+
 
 def recorded(stack: Stack, path: Path) -> list[str]:
     """Two seconds of driving, as `candump -L` wrote them, the vehicle bus alone."""
@@ -24,6 +28,17 @@ def recorded(stack: Stack, path: Path) -> list[str]:
     lines = [line for line in stack.log_path.read_text().split("\n") if " vcan0 " in line][-700:]
     path.write_text("\n".join([*lines[:-1], ""]))
     return lines[:-1]
+
+
+def monitored(path: Path, count: int) -> list[str]:
+    """What `dbw monitor` shows of a log that `canplayer` plays."""
+    command = [sys.executable, "-m", "dbw", "monitor", "vcan0", "-n", str(count)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
+        while not re.search(r"^\s*vcan0\s", RECEIVERS.read_text(), re.M):  # nobody else is on the bus
+            pause(0.05)
+        subprocess.run(["canplayer", "-I", str(path), "vcan0=vcan0"], check=True)
+        out, _ = monitor.communicate(timeout=60.0)
+    return out.splitlines()
 
 
 def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
@@ -53,3 +68,11 @@ def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
     assert status.mode is Mode.AUTOMATIC
     assert {node.name for node in status.nodes if node.is_heard} == set(NODE_IDS)
     assert not status.bad_frames and not status.unknown_ids
+    shown = monitored(path, len(lines))
+    told = [line.split()[1] for line in shown]
+    assert told == [line.split()[2].partition("#")[0] for line in lines]
+    protected = [line for line in shown if "_STATUS (" in line]
+    assert len(protected) > 100
+    assert all(" ok)" in line or " first)" in line for line in protected)
+    assert any("SUPERVISOR_STATE" in line and "mode=AUTOMATIC" in line for line in shown)
+
