@@ -34,8 +34,8 @@ def monitored(path: Path, count: int) -> list[str]:
     """What `dbw monitor` shows of a log that `canplayer` plays."""
     command = [sys.executable, "-m", "dbw", "monitor", "vcan0", "-n", str(count)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
-        while not re.search(r"^\s*vcan0\s", RECEIVERS.read_text(), re.M):  # nobody else is on the bus
-            pause(0.05)
+        while not re.search(r"^\s*vcan0\s", RECEIVERS.read_text(), re.M):
+            pause(0.05)  # nobody else is on the bus
         subprocess.run(["canplayer", "-I", str(path), "vcan0=vcan0"], check=True)
         out, _ = monitor.communicate(timeout=60.0)
     return out.splitlines()
