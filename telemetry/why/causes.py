@@ -14,7 +14,7 @@ from telemetry.why.absence import no_command, unheard
 from telemetry.why.claims import FOLLOWING
 from telemetry.why.evidence import NS_PER_MS, SOON_NS, Evidence, Rule, node_text
 from telemetry.why.incident import Cause, CauseKind, Claim
-from telemetry.why.traffic import boot_of, intruded, repeated, whole_bus
+from telemetry.why.traffic import boot_of, intruded, repeated, strayed, whole_bus
 from telemetry.why.window import Heard
 
 TOGETHER_NS: Final = 60 * NS_PER_MS
@@ -45,7 +45,7 @@ def causes_of(evidence: Evidence) -> tuple[Cause, ...]:
         found = list(rule(evidence))
         if found:
             return tuple(_distinct(found))
-    found = list(_distinct(_of_claims(evidence)))
+    found = list(_distinct(_of_claims(evidence))) or list(strayed(evidence))
     return tuple(found) or (_unknown(evidence),)
 
 

@@ -71,8 +71,6 @@ class Cause:
         subject: The node, message, `MESSAGE.signal`, or control; empty: the bus, the planner.
         since_ns: When it began, as far as the bus shows; None: not shown.
         trigger: The frame that shows it, or the absence that does; None: neither.
-        also: More frames that show it.
-        value: A number that belongs to it, by kind: times of a limit, or frames.
         text: In words, a whole clause without its time.
     """
 
@@ -128,10 +126,8 @@ class Deed(StrEnum):
     HELD_STEERING = "held_steering"
     COASTED = "let_steering_coast"
     CUT_TORQUE = "cut_torque"
-    KEPT_DRIVING = "went_on"
     SET_BRAKE = "set_full_brake"
     BRAKE_FULL = "brake_full"
-    RELEASED_BRAKE = "released_brake"
     STOOD = "stood_still"
     SILENT = "silent"
 

@@ -27,7 +27,6 @@ class Attempt:
         begin_ns, last_ns: Times of its first and its newest frame.
         sequence: Its number, of MODE_REQUEST.
         mode: When it began.
-        verdict: The safety monitor's newest.
         refusals: What stood against it, each once, in order.
     """
 
@@ -35,18 +34,19 @@ class Attempt:
         self.begin_ns = self.last_ns = begin_ns
         self.sequence = sequence
         self.mode = mode
-        self.verdict: SafetyVerdict | None = None
         self.refusals: list[Refusal] = []
 
     def is_over(self, now_ns: int) -> bool:
         """Whether the gateway has given it up."""
         return now_ns - self.last_ns > GIVEN_UP_NS
 
-    def hear(self, time_ns: int, state: SupervisorState) -> None:
-        """A state of the supervisor while the request is pending."""
+    def hear(
+        self, time_ns: int, state: SupervisorState, verdict: SafetyVerdict | None
+    ) -> None:
+        """A state of the supervisor while the request is pending, and the newest verdict."""
         if state.inhibit in (Inhibit.NONE, Inhibit.NOT_REQUESTED) or state.mode is Mode.AUTOMATIC:
             return
-        text = why_not_engaged(state, self.verdict, 0.0, NOBODY)
+        text = why_not_engaged(state, verdict, 0.0, NOBODY)
         known = {refusal.text for refusal in self.refusals}
         if text not in known and len(self.refusals) < REFUSALS_MAX:
             self.refusals.append(Refusal(time_ns=time_ns, inhibit=state.inhibit, text=text))

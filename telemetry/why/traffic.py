@@ -104,6 +104,22 @@ def intruded(evidence: Evidence) -> Iterator[Cause]:
         return
 
 
+def strayed(evidence: Evidence) -> Iterator[Cause]:
+    """Nobody says why, but a message came out of step, intact, just before: from a second sender.
+
+    Two senders of one identifier may drive its owner off the bus before it can tell.
+    """
+    for row in evidence.window.between(evidence.at_ns - SOON_NS, evidence.at_ns):
+        if row.spec is not None and row.content is not None and row.fault in COUNTER_FAULTS:
+            yield Cause(
+                kind=CauseKind.FOREIGN_SENDER, subject=row.spec.name, since_ns=row.time_ns,
+                trigger=row,
+                text=f"{message_name(row.spec.can_id)} came out of step, as from somebody else "
+                f"than {node_text(row.spec.sender)}",
+            )
+            return
+
+
 def _disturbed_message(evidence: Evidence, claim: Claim) -> str:
     """Which message of the claimant's own shows the stranger: two senders count out of step."""
     counts: Counter[str] = Counter()

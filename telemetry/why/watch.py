@@ -113,6 +113,7 @@ class Watch:
         self._pending: deque[_Pending] = deque()
         self._emergency: Sign | None = None
         self._attempt: Attempt | None = None
+        self._verdict: SafetyVerdict | None = None
         self._codes_ns: dict[ErrorCode, int] = {}
 
     def take(self, time_ns: int, frame: Frame) -> Iterator[Told]:
@@ -130,6 +131,10 @@ class Watch:
             decoded = decode(frame)
             if isinstance(decoded, Decoded):
                 yield from self._heed(time_ns, frame.can_id, decoded.message)
+
+    def elapse(self, time_ns: int) -> Iterator[Told]:
+        """Time has passed and nothing was heard: for a live bus that fell silent."""
+        yield from self._due(time_ns)
 
     def finish(self) -> Iterator[Told]:
         """The log has ended: what is not complete is told as far as it goes."""
@@ -194,8 +199,7 @@ class Watch:
             self._on_request(time_ns, message)
         elif can_id == VERDICT_ID:
             assert isinstance(message, SafetyVerdict)
-            if self._attempt is not None:
-                self._attempt.verdict = message
+            self._verdict = message
             if message.verdict is Verdict.BRAKE and self.mode in DRIVING:
                 self._begin_emergency(time_ns)
         elif (can_id in STOPPING_IDS and self.mode not in HUMAN) or (
@@ -205,7 +209,7 @@ class Watch:
 
     def _on_state(self, time_ns: int, state: SupervisorState) -> Iterator[Told]:
         if self._attempt is not None:
-            self._attempt.hear(time_ns, state)
+            self._attempt.hear(time_ns, state, self._verdict)
             if state.mode in DRIVING:
                 self._attempt = None
         self._state_ns = time_ns
