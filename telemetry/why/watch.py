@@ -201,11 +201,11 @@ class Watch:
             assert isinstance(message, SafetyVerdict)
             self._verdict = message
             if message.verdict is Verdict.BRAKE and self.mode in DRIVING:
-                self._begin_emergency(time_ns)
+                self._begin_emergency(time_ns, self.mode)
         elif (can_id in STOPPING_IDS and self.mode not in HUMAN) or (
             can_id == FAILSAFE_ID and self.mode is not Mode.MANUAL
         ):
-            self._begin_emergency(time_ns)
+            self._begin_emergency(time_ns, self.mode)
 
     def _on_state(self, time_ns: int, state: SupervisorState) -> Iterator[Told]:
         if self._attempt is not None:
@@ -243,13 +243,11 @@ class Watch:
         self._wait(_Pending(time_ns + AFTER_NS, sign=sign))
         return sign
 
-    def _begin_emergency(self, time_ns: int, before: Mode | None = None) -> None:
+    def _begin_emergency(self, time_ns: int, before: Mode | None) -> None:
         """The first sign of one; it takes the place of a mode that was told a moment before."""
         if self._emergency is not None:
             return
         recent = [item for item in self._pending if item.sign is not None]
-        if before is None:
-            before = self.mode
         for item in recent:
             sign = item.sign
             assert sign is not None
