@@ -137,8 +137,11 @@ def first_cause(log: BusLog, vehicle: Vehicle, from_s: float) -> Cause | None:
     told = [item for time_ns, frame in log.frames() for item in watch.take(time_ns, frame)]
     told += watch.finish()
     for item in told:
-        is_end = isinstance(item, Incident) and item.kind is not Kind.REFUSED_ENGAGEMENT
-        if is_end and item.time_ns >= from_s * NS_PER_S:
+        if (
+            isinstance(item, Incident)
+            and item.kind is not Kind.REFUSED_ENGAGEMENT
+            and item.time_ns >= from_s * NS_PER_S
+        ):
             return item.cause
     return None
 

@@ -44,5 +44,5 @@ def test_lines_that_are_none_are_counted_and_the_first_is_told(tmp_path: Path) -
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="none.log cannot be read: No such file"):
+    with pytest.raises(LogError, match=r"none\.log cannot be read: No such file"):
         list(CandumpLog(tmp_path / "none.log").read())

@@ -120,7 +120,7 @@ def test_a_file_that_is_none_is_named(tmp_path: Path, text: str, said: str) -> N
 def test_another_version_and_a_missing_number_are_named(tmp_path: Path) -> None:
     store = FreezeStore(tmp_path)
     add(store, ErrorCode.ER2)
-    with pytest.raises(FreezeError, match="no freeze frame 9 in .*: stored are 1"):
+    with pytest.raises(FreezeError, match=r"no freeze frame 9 in .*: stored are 1"):
         store.load(9)
     path = store.entries()[0].path
     path.write_text(json.dumps({**json.loads(path.read_text()), "version": 99}))
