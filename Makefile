@@ -44,9 +44,10 @@ generate: $(STAMP)
 	$(BIN)/python -m dbc.generate
 	$(BIN)/dbw docs --out docs/bus
 
-# What each fault leads to, measured: docs/fault-matrix.md.
+# What each fault leads to, and what dbw why says of it: docs/fault-matrix.md, docs/why-faults.md.
 matrix: $(STAMP)
 	$(BIN)/python -m campaign.matrix
+	$(BIN)/python -m campaign.explained
 
 # Only for maintainers: renews the locked versions from pyproject.toml.
 lock:

@@ -44,6 +44,8 @@ def is_user_mistake(error: Exception) -> bool:
         ("telemetry.databases", "DatabaseError"),
         ("telemetry.folder", "FolderError"),
         ("telemetry.monitor.filters", "FilterError"),
+        ("telemetry.candump", "LogError"),
+        ("telemetry.why.freeze", "FreezeError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),
         ("campaign.workers", "WorkersError"),

@@ -26,6 +26,7 @@ COMMANDS = {
     "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
     "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
+    "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),

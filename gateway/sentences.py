@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import re
+
 from dbc.messages import Inhibit, MonitorReason, Reason
 
-_NODES = {
-    "STEERING": "the steering ECU",
-    "THROTTLE": "the throttle ECU",
-    "BRAKE_SERVO": "the brake-servo ECU",
-    "SAFETY_MONITOR": "the safety monitor",
-    "GATEWAY": "the gateway",
+NODE_TEXT = {
+    "Supervisor": "the supervisor",
+    "Steering": "the steering ECU",
+    "Throttle": "the throttle ECU",
+    "BrakeServo": "the brake-servo ECU",
+    "SafetyMonitor": "the safety monitor",
+    "Gateway": "the gateway",
 }
+"""By the DBC's names."""
+
+_NODES = {
+    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).upper(): text
+    for name, text in NODE_TEXT.items()
+    if name != "Supervisor"
+}
+"""By the endings of `Inhibit`."""
 
 INHIBIT_TEXT: dict[Inhibit, str] = {
     Inhibit.NONE: "nothing stands against engaging: call engage()",

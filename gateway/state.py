@@ -242,7 +242,7 @@ def why_not_engaged(
         return "a controlled stop is under way: wait until the car stands"
     text = INHIBIT_TEXT[supervisor.inhibit]
     if supervisor.inhibit is Inhibit.VERDICT_DENY:
-        text = f"{text}: {_verdict_text(verdict)}"
+        text = f"{text}: {verdict_text(verdict)}"
     if supervisor.inhibit is Inhibit.CODE_LATCHED and (codes := codes_of(supervisor)):
         text = f"{text} ({', '.join(code.name for code in codes)})"
     if supervisor.mode is Mode.EMERGENCY:
@@ -251,7 +251,8 @@ def why_not_engaged(
     return text
 
 
-def _verdict_text(verdict: SafetyVerdict | None) -> str:
+def verdict_text(verdict: SafetyVerdict | None) -> str:
+    """What the safety monitor has found, in words; None: it is not heard."""
     if verdict is None:
         return "its verdict no longer comes"
     text = MONITOR_TEXT[verdict.reason]

@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "planner": {"gateway", "vehicles"},
     "simulation": {"canbus", "dbc", "ecus", "gateway", "oracle", "safety_monitor", "vehicles"},
     "runtime": {"canbus", "dbc", "ecus", "gateway", "safety_monitor", "simulation", "vehicles"},
-    "telemetry": {"canbus", "dbc", "gateway", "planner", "simulation", "vehicles"},
+    "telemetry": {"canbus", "dbc", "gateway", "oracle", "planner", "simulation", "vehicles"},
     "campaign": set(PACKAGES) - {"dbw", "bench", "examples"},
     "dbw": set(PACKAGES) - {"bench", "examples"},
     "bench": set(PACKAGES) - {"examples"},
