@@ -166,8 +166,10 @@ def test_the_oracle_shares_nothing_with_the_nodes_but_the_dbc_file(name: str) ->
     assert all(m.startswith(("canbus.frame", "dbc.database")) for m in ours)
 
 
-def test_python_can_is_imported_in_one_place() -> None:
-    assert importers("can") - set(sources("bench")) == {"canbus/python_can_bus.py"}
+def test_python_can_is_imported_for_buses_and_for_logs_in_one_place_each() -> None:
+    assert importers("can") - set(sources("bench")) == {
+        "canbus/python_can_bus.py", "telemetry/logs/python_can_logs.py",
+    }
 
 
 def test_canopen_is_imported_in_one_place() -> None:

@@ -1,0 +1,175 @@
+"""Frames of a log: one as an object, many as numpy columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canbus.frame import Frame, FrameKind
+
+CLASSIC_BYTES: Final = 8
+FD_BYTES: Final = 64
+NS_PER_US: Final = 1000
+
+
+class FrameFlag(IntFlag):
+    """What a frame is beside its identifier and data; no bit set is a classical data frame."""
+
+    EXTENDED = 1
+    """29-bit identifier."""
+    REMOTE = 2
+    ERROR = 4
+    """No frame at all: what a controller tells of an error, as SocketCAN puts it into one."""
+    FD = 8
+    BITRATE_SWITCH = 16
+    ERROR_STATE = 32
+    SENT = 64
+    """By the computer that wrote the log (Tx); otherwise received."""
+
+
+NO_DATA: Final = FrameFlag.REMOTE | FrameFlag.ERROR
+"""Frames that carry no message's content."""
+
+
+class LogFrame(NamedTuple):
+    """One frame of a log.
+
+    `time_ns` counts from 1970, or from the start of the log where it does not say when that was.
+    `length` is that of the data, and what a remote frame asks for.
+    """
+
+    time_ns: int
+    channel: str
+    can_id: int
+    flags: FrameFlag
+    length: int
+    data: bytes
+
+    def frame(self) -> Frame:
+        """The frame as the bus has it; of several flags the one that says most."""
+        for flag, kind in _KINDS:
+            if flag in self.flags:
+                return Frame(self.can_id, self.data, kind)
+        return Frame(self.can_id, self.data)
+
+
+_KINDS: Final = (
+    (FrameFlag.ERROR, FrameKind.ERROR),
+    (FrameFlag.REMOTE, FrameKind.REMOTE),
+    (FrameFlag.FD, FrameKind.FD),
+    (FrameFlag.EXTENDED, FrameKind.EXTENDED),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameColumns:
+    """N frames as columns of shape (N,), in the order of the log.
+
+    `data` has shape (N, 8), or (N, 64) with FD frames among them, and is zero beyond `length`.
+    """
+
+    time_ns: NDArray[np.int64]
+    channel: NDArray[np.uint8]
+    """Place in `channels`."""
+    can_id: NDArray[np.uint32]
+    flags: NDArray[np.uint8]
+    """Bits of `FrameFlag`."""
+    length: NDArray[np.uint8]
+    data: NDArray[np.uint8]
+    place: NDArray[np.int64]
+    """Number of the line, or of the frame in a binary log, counted from 1."""
+    channels: Sequence[str]
+    """Names of all channels seen so far; a name keeps its place as the log goes on."""
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def frames(self) -> Iterator[LogFrame]:
+        """The same as objects."""
+        width = self.data.shape[1]
+        content = self.data.tobytes()
+        columns = (self.time_ns, self.channel, self.can_id, self.flags, self.length)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for n, (time_ns, channel, can_id, flags, length) in enumerate(rows):
+            size = 0 if flags & FrameFlag.REMOTE else length
+            yield LogFrame(
+                time_ns, self.channels[channel], can_id, FrameFlag(flags), length,
+                content[n * width : n * width + size],
+            )  # fmt: skip
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> FrameColumns:
+        """Some of the frames, by mask, by place or by a slice."""
+        return FrameColumns(
+            time_ns=self.time_ns[which],
+            channel=self.channel[which],
+            can_id=self.can_id[which],
+            flags=self.flags[which],
+            length=self.length[which],
+            data=self.data[which],
+            place=self.place[which],
+            channels=self.channels,
+        )
+
+
+def columns_of(
+    frames: Sequence[LogFrame], places: Sequence[int], channels: ChannelNames
+) -> FrameColumns:
+    """Frames as columns."""
+    width = FD_BYTES if any(len(frame.data) > CLASSIC_BYTES for frame in frames) else CLASSIC_BYTES
+    content = b"".join(frame.data.ljust(width, b"\0") for frame in frames)
+    return FrameColumns(
+        time_ns=np.array([frame.time_ns for frame in frames], np.int64),
+        channel=np.array([channels.place(frame.channel) for frame in frames], np.uint8),
+        can_id=np.array([frame.can_id for frame in frames], np.uint32),
+        flags=np.array([int(frame.flags) for frame in frames], np.uint8),
+        length=np.array([frame.length for frame in frames], np.uint8),
+        data=np.frombuffer(content, np.uint8).reshape(-1, width),
+        place=np.array(places, np.int64),
+        channels=channels.names,
+    )
+
+
+def joined(chunks: Sequence[FrameColumns]) -> FrameColumns:
+    """Chunks of one log, one behind the other."""
+    if len(chunks) == 1:
+        return chunks[0]
+    width = max((chunk.data.shape[1] for chunk in chunks), default=CLASSIC_BYTES)
+    wide = [np.pad(c.data, ((0, 0), (0, width - c.data.shape[1]))) if c.data.shape[1] < width
+            else c.data for c in chunks]  # fmt: skip
+
+    def column(name: str, kind: type[np.generic]) -> NDArray[Any]:
+        parts = [getattr(chunk, name) for chunk in chunks]
+        return np.concatenate(parts) if parts else np.empty(0, kind)
+
+    return FrameColumns(
+        time_ns=column("time_ns", np.int64),
+        channel=column("channel", np.uint8),
+        can_id=column("can_id", np.uint32),
+        flags=column("flags", np.uint8),
+        length=column("length", np.uint8),
+        data=np.concatenate(wide) if wide else np.empty((0, width), np.uint8),
+        place=column("place", np.int64),
+        channels=chunks[-1].channels if chunks else (),
+    )
+
+
+class ChannelNames:
+    """Gives each name of a channel a number, in the order of their appearance."""
+
+    MAX: Final = 255
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def place(self, name: str) -> int:
+        """The number of a name; names beyond the 255th share the last number."""
+        if name not in self.names:
+            if len(self.names) >= self.MAX:
+                return self.MAX - 1
+            self.names.append(name)
+        return self.names.index(name)
