@@ -44,7 +44,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("telemetry.databases", "DatabaseError"),
         ("telemetry.folder", "FolderError"),
         ("telemetry.monitor.filters", "FilterError"),
-        ("telemetry.candump", "LogError"),
+        ("telemetry.logs.reading", "LogError"),
         ("telemetry.why.freeze", "FreezeError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),

@@ -16,7 +16,7 @@ from dbw.options import bitrate_option, channel_option, interface_option, vehicl
 
 if TYPE_CHECKING:
     from canbus.bus import Bus
-    from telemetry.candump import CandumpLog
+    from telemetry.logs.problems import Problems
     from telemetry.why.freeze import FreezeStore
     from telemetry.why.incident import Incident
     from telemetry.why.watch import ModeChange, Told
@@ -90,9 +90,9 @@ def why(
 ) -> int:
     """Tell why a drive ended, or never began.
 
-    LOG: a log of `candump -L`, as `dbw demo` writes one. For each emergency brake, disengagement
-    and refused engagement: the cause, the frame or the absence that shows it, who said so first,
-    what each node did and when, and times against what is allowed.
+    LOG: of candump (`-L`, also .gz), ASC, BLF or TRC; `dbw demo` writes one. For each emergency
+    brake, disengagement and refused engagement: the cause, the frame or the absence that shows it,
+    who said so first, what each node did and when, and times against what is allowed.
 
     Live, each error code that comes up is stored with all frames of the second before and the
     second after.
@@ -136,17 +136,17 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     Raises:
         LogError, UserMistake: It cannot be read, or is no such log.
     """
-    from telemetry.candump import CandumpLog
+    from telemetry.logs.reading import Log
     from telemetry.why.incident import Incident
     from telemetry.why.watch import ModeChange, Watch
 
-    reader, watch = CandumpLog(log), Watch(vehicle)
+    reader, watch = Log(log), Watch(vehicle)
     told: list[Told] = []
-    for time_ns, frame in reader.read():
-        told += _kept(watch.take(time_ns, frame))
+    for item in reader.frames():
+        told += _kept(watch.take(item.time_ns, item.frame()))
     told += _kept(watch.finish())
-    if not reader.frames and reader.unreadable:
-        raise UserMistake(f"{log} is no log of candump -L: {_unreadable(reader)}")
+    if not watch.frames and reader.problems.count:
+        raise UserMistake(f"{log} is no log: {reader.problems.lines()[0]}")
     origin_ns = 0 if watch.begin_ns < RELATIVE_S_MAX * NS_PER_S else watch.begin_ns
     low_ns, high_ns = (origin_ns + s * NS_PER_S for s in span_s)
     incidents = [
@@ -154,7 +154,7 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     ]
     incidents.sort(key=lambda item: item.time_ns)
     modes = [item for item in told if isinstance(item, ModeChange)]
-    notes = _notes(reader, watch.frames, watch.known)
+    notes = _notes(reader.problems, watch.frames, watch.known)
     if as_json:
         _print_document(log, incidents, modes, notes, origin_ns, (watch.begin_ns, watch.end_ns))
     else:
@@ -169,10 +169,8 @@ def _kept(told: Iterable[Told]) -> list[Told]:
     return [item for item in told if not isinstance(item, CodeOnset)]
 
 
-def _notes(reader: CandumpLog, frames: int, known: int) -> list[str]:
-    notes = []
-    if reader.unreadable:
-        notes.append(f"{reader.unreadable} of {reader.lines} lines left out: {_unreadable(reader)}")
+def _notes(problems: Problems, frames: int, known: int) -> list[str]:
+    notes = problems.lines()
     if not frames:
         notes.append("the log holds no frame")
     elif not known:
@@ -180,12 +178,6 @@ def _notes(reader: CandumpLog, frames: int, known: int) -> list[str]:
     elif known < frames:
         notes.append(f"{frames - known} frames have an identifier that is not of dbc/vehicle.dbc")
     return notes
-
-
-def _unreadable(reader: CandumpLog) -> str:
-    assert reader.first_unreadable is not None
-    number, text = reader.first_unreadable
-    return f"line {number} is {text!r}"
 
 
 def _clock(origin_ns: int) -> Any:
