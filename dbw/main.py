@@ -27,6 +27,7 @@ COMMANDS = {
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
     "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
     "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
+    "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),

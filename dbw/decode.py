@@ -1,0 +1,191 @@
+"""`dbw decode`: a log as text, or as a table for each message."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dbw.failures import EXIT_OK, UserMistake
+
+if TYPE_CHECKING:
+    from telemetry.databases import Databases
+    from telemetry.decode.tables import Decoder
+    from telemetry.logs.frames import FrameColumns
+    from telemetry.logs.reading import Log
+
+NS_PER_S = 1_000_000_000
+RELATIVE_S_MAX = 86_400
+"""Times of a log that begins later are the system's: --from then counts from its first frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecodeOptions:
+    """The command line of `dbw decode`."""
+
+    log: str
+    dbc: tuple[str, ...]
+    relaxed: bool
+    messages: tuple[str, ...]
+    signals: tuple[str, ...]
+    nodes: tuple[str, ...]
+    from_s: float
+    to_s: float
+    csv: Path | None
+    parquet: Path | None
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  dbw decode drive.log | less
+  dbw decode drive.log --message SteerStatus --from 10 --to 12
+  candump -L can0 | dbw decode - --dbc other.dbc
+  dbw decode drive.log --parquet out/tables"""
+)
+@click.argument("log", metavar="LOG|-")
+@click.option(
+    "--dbc",
+    multiple=True,
+    metavar="[CHANNEL=]FILE",
+    help="DBC to read frames with, several if need be; `vehicle` and `harness` are the project's.  "
+    "[default: vehicle]",
+)
+@click.option("--relaxed", is_flag=True, help="Load what can be read of a DBC with errors.")
+@click.option("--message", "messages", multiple=True, metavar="NAME", help="Only these messages.")
+@click.option(
+    "--signal", "signals", multiple=True, metavar="MESSAGE.NAME",
+    help="Only these signals, and messages that carry them.",
+)
+@click.option("--node", "nodes", multiple=True, metavar="NAME", help="Only what these nodes send.")
+@click.option(
+    "--from", "from_s", type=float, default=-math.inf, metavar="S",
+    help="Seconds, of the log's own time, or from its first frame where that is the system's.",
+)
+@click.option("--to", "to_s", type=float, default=math.inf, metavar="S", help="The same.")
+@click.option(
+    "--csv", type=click.Path(path_type=Path), metavar="FOLDER", help="A CSV for each message."
+)
+@click.option(
+    "--parquet", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="A Parquet file for each message.",
+)  # fmt: skip
+def decode(**given: object) -> int:
+    """Decode a log: text on standard output, CSV or Parquet.
+
+    LOG is of candump (`-L`, also .gz), ASC, BLF or TRC; - is candump's text on standard input. A
+    frame is a line or a row: nothing is interpolated. Frames that are in no DBC stay, as they are;
+    what could not be read is told on stderr.
+    """
+    options = DecodeOptions(**given)  # type: ignore[arg-type]
+    if math.isnan(options.from_s) or math.isnan(options.to_s):
+        raise UserMistake("--from and --to: a number of seconds is wanted")
+    if options.csv and options.parquet:
+        raise UserMistake("--csv and --parquet: one of them is wanted")
+    return run_decode(options)
+
+
+def run_decode(options: DecodeOptions) -> int:
+    """Decodes; answers the exit code.
+
+    Raises:
+        LogError, DatabaseError, UserMistake: What the user can put right.
+    """
+    from telemetry.databases import load_databases
+    from telemetry.logs.reading import Log, LogStream
+
+    databases = load_databases(options.dbc, relaxed=options.relaxed)
+    for note in databases.notes:
+        click.echo(f"dbw: {note}", err=True)
+    decoder, is_all = _decoder(databases, options)
+    log = LogStream(sys.stdin.fileno()) if options.log == "-" else Log(options.log)
+    if options.csv or options.parquet:
+        _write_tables(log, decoder, options)
+    else:
+        _write_lines(log, decoder, options, with_others=is_all)
+    for line in log.problems.lines():
+        click.echo(f"dbw: {options.log}: {line}", err=True)
+    return EXIT_OK
+
+
+def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, bool]:
+    """What reads the wanted messages, and whether that is all of them."""
+    from telemetry.decode.tables import Decoder
+
+    only = [databases.named(name) for name in options.messages]
+    for node in options.nodes:
+        only += databases.of_node(node)
+    signals = set()
+    for given in options.signals:
+        owner, _, name = given.rpartition(".")
+        if not owner:
+            raise UserMistake(f"--signal {given}: MESSAGE.SIGNAL is wanted")
+        message = databases.named(owner)
+        signals.add(databases.signal(message, name).name)
+        only.append(message)
+    return Decoder(databases, only, signals), not only
+
+
+def _chunks(log: Log, options: DecodeOptions) -> Iterator[FrameColumns]:
+    """What lies between --from and --to."""
+    origin_ns: int | None = None
+    for chunk in log.chunks():
+        if not len(chunk):
+            continue
+        if origin_ns is None:
+            first_ns = int(chunk.time_ns[0])
+            origin_ns = first_ns if first_ns > RELATIVE_S_MAX * NS_PER_S else 0
+        time_s = (chunk.time_ns - origin_ns) / NS_PER_S
+        yield chunk.take((time_s >= options.from_s) & (time_s <= options.to_s))
+
+
+def _write_lines(
+    log: Log, decoder: Decoder, options: DecodeOptions, *, with_others: bool
+) -> None:
+    from telemetry.decode.lines import lines_of
+
+    wrong: dict[str, int] = {}
+    for chunk in _chunks(log, options):
+        decoded = decoder.decode(chunk)
+        for name, count in decoded.wrong_lengths.items():
+            wrong[name] = wrong.get(name, 0) + count
+        lines = lines_of(decoded, with_others=with_others)
+        if lines:
+            sys.stdout.write("\n".join(lines) + "\n")
+            sys.stdout.flush()
+    _tell_lengths(wrong)
+
+
+def _write_tables(log: Log, decoder: Decoder, options: DecodeOptions) -> None:
+    try:
+        import pyarrow  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UserMistake(
+            "--csv and --parquet need pyarrow: pip install can-by-wire[logs]"
+        ) from error
+    from telemetry.decode.export import write_csv, write_parquet
+    from telemetry.folder import ResultFolder
+    from telemetry.logs.frames import joined
+
+    decoded = decoder.decode(joined(list(_chunks(log, options))))
+    destination = options.csv or options.parquet
+    assert destination is not None
+    write = write_csv if options.csv else write_parquet
+    with ResultFolder(destination) as folder:
+        files = write(decoded, folder.path)
+        folder.commit()
+    rows = sum(len(table.rows) for table in decoded.tables.values())
+    click.echo(f"written to {destination}/: {len(files)} files, {rows} rows")
+    if decoded.unknown:
+        click.echo(f"dbw: {decoded.unknown} frames are in no DBC", err=True)
+    _tell_lengths(decoded.wrong_lengths)
+
+
+def _tell_lengths(wrong: dict[str, int]) -> None:
+    for name, count in sorted(wrong.items()):
+        click.echo(f"dbw: {count} frames of {name} have another length than the DBC says", err=True)
