@@ -20,6 +20,7 @@ from typing import Any
 
 from bench.machine import cpu_s
 from bench.table import Table, command_line, met
+from simulation.trace import candump_lines
 from simulation.world import World
 from telemetry.databases import load_databases
 from telemetry.decode.export import decode_log
@@ -111,10 +112,8 @@ def _write_log(path: Path, *, quick: bool) -> int:
     copies = QUICK_COPIES if quick else COPIES
     with path.open("w") as file:
         for copy in range(copies):
-            for time_ns, _, frame in rows:
-                us = time_ns // 1000 + copy * 100_000_000
-                file.write(f"({us // 1_000_000:010d}.{us % 1_000_000:06d}) vcan0 "
-                           f"{frame.can_id:03X}#{frame.data.hex().upper()}\n")  # fmt: skip
+            lines = candump_lines(rows, "vcan0", start_s=100.0 * copy)
+            file.writelines(f"{line}\n" for line in lines)
     return copies * len(rows)
 
 

@@ -126,14 +126,15 @@ class Ledger:
         """A listener of the injector."""
         ask = expected(fault)
         is_calm = not self._active and now_ns - self._quiet_ns > MEMORY_NS
+        is_driving = self._is_driving
         entry = Entry(
-            fault, ask, now_ns, is_driving=self._is_driving, is_clean=is_calm and self._is_driving
+            fault, ask, now_ns, is_driving=is_driving and self._is_felt(fault),
+            is_clean=is_calm and is_driving,
         )
         if entry.budget_ms is not None and not is_calm:
             entry.budget_ms = max(entry.budget_ms, SILENT_MS)
             if ask.demand is Demand.HANDOVER:
                 entry.budget_ms = TOUCH_LATE_MS
-        entry.is_driving &= self._is_felt(fault)
         is_hazard = ask.demand is Demand.BRAKE and entry.budget_ms is not None
         self._oracle.on_fault(
             now_ns, str(fault.kind), fault.target, is_begin,

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from campaign.plots import bars_path, lateness_picture
 from campaign.settings import S_PER_H
 from campaign.statistics import Estimate, mean_time_between_failures
 from campaign.summary import SHARE_STEPS, CampaignTally, Latencies
 from simulation.fault_kinds import KINDS, FaultKind
+from telemetry.pages import page_template
 
 if TYPE_CHECKING:
     from campaign.report import CampaignReport, FaultReport, RoadBaseline
@@ -34,14 +33,7 @@ class Drawing:
 
 def page_of(report: CampaignReport, tally: CampaignTally, road: RoadBaseline) -> str:
     """The page as text."""
-    environment = Environment(
-        loader=PackageLoader("campaign"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
+    filters: dict[str, Callable[..., str]] = {
         "count": count,
         "interval": interval,
         "seconds": seconds,
@@ -51,7 +43,7 @@ def page_of(report: CampaignReport, tally: CampaignTally, road: RoadBaseline) ->
         "bounds": bounds,
         "percent_bounds": percent_bounds,
     }
-    page = environment.get_template("report.html.j2")
+    page = page_template("campaign", "report.html.j2", filters)
     return page.render(
         report=report,
         road=road,

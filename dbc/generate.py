@@ -6,13 +6,13 @@ compares, another checks every signal bit for bit against cantools: the code can
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from cantools.database.can import Database, Message, Signal
 
 from dbc.database import HARNESS_DBC, VEHICLE_DBC, load
+from dbc.spec import snake_case
 
 NOT_AVAILABLE = "not_available"
 PROTECTION_SIGNALS = ("crc", "alive_counter")
@@ -122,7 +122,7 @@ class _Field:
         if self.type == "bool":
             yield f"{name} = bits & 0x{1 << self.signal.start:X} != 0"
         elif self.enum:
-            yield f"{name} = _{snake(self.enum).upper()}[bits{shift} & 0x{self.mask:X}]"
+            yield f"{name} = _{snake_case(self.enum).upper()}[bits{shift} & 0x{self.mask:X}]"
         else:
             yield f"r = bits{shift} & 0x{self.mask:X}"
             yield from self._scale_lines()
@@ -144,11 +144,6 @@ class _Field:
         if not self.every_raw_is_valid:
             yield f"{indent}if not {self.low} <= {name} <= {self.high}:"
             yield f"{indent}    {self._refusal(name)}"
-
-
-def snake(name: str) -> str:
-    """CamelCase to snake_case."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 def _indent(lines: Iterator[str] | list[str], spaces: int = 4) -> list[str]:
@@ -178,7 +173,7 @@ def _dataclass_lines(name: str, message: Message, fields: list[_Field]) -> list[
 
 
 def _codec_lines(name: str, fields: list[_Field]) -> list[str]:
-    low = snake(name)
+    low = snake_case(name)
     out = ["", "", f"def _pack_{low}(message: {name}) -> int:"]
     out.append("    bits = 0")
     for field in fields:
@@ -201,7 +196,7 @@ def _spec_lines(message: Message) -> list[str]:
     data_id = hex(int(attribute(message, "E2EDataId", 0))) if is_protected else None
     senders = [s for s in message.senders if s != NO_NODE]
     receivers = ", ".join(repr(r) for r in sorted(message.receivers) if r != NO_NODE)
-    low = snake(class_name(message))
+    low = snake_case(class_name(message))
     units = ", ".join(f"{s.name!r}: {s.unit or ''!r}" for s in payload_signals(message))
     return [
         f"    0x{message.frame_id:03X}: MessageSpec(",
@@ -239,7 +234,7 @@ def generate(dbc_name: str) -> str:
         out += ["", "", f"class {name}(IntEnum):", f'    """Value table `{name}`."""', ""]
         out += [f"    {label} = {raw}" for raw, label in table.items()]
         members = f"{{member.value: member for member in {name}}}"
-        out += ["", "", f"_{snake(name).upper()}: Final = {members}"]
+        out += ["", "", f"_{snake_case(name).upper()}: Final = {members}"]
     done: set[str] = set()
     for message in database.messages:
         name = class_name(message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -37,3 +38,8 @@ class MessageSpec:
     units: Mapping[str, str]
     pack: Callable[[Any], int]
     unpack: Callable[[int], Any]
+
+
+def snake_case(name: str) -> str:
+    """`BrakeServo` to `brake_servo`: names of the DBC as files and attributes have them."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()

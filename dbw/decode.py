@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
+from dbw.options import database_options, name_options
 
 if TYPE_CHECKING:
     from telemetry.databases import Databases
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from telemetry.logs.reading import Log
 
 NS_PER_S = 1_000_000_000
-RELATIVE_S_MAX = 86_400
-"""Times of a log that begins later are the system's: --from then counts from its first frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,20 +48,12 @@ Examples:
   dbw decode drive.log --parquet out/tables"""
 )
 @click.argument("log", metavar="LOG|-")
-@click.option(
-    "--dbc",
-    multiple=True,
-    metavar="[CHANNEL=]FILE",
-    help="DBC to read frames with, several if need be; `vehicle` and `harness` are the project's.  "
-    "[default: vehicle]",
-)
-@click.option("--relaxed", is_flag=True, help="Load what can be read of a DBC with errors.")
-@click.option("--message", "messages", multiple=True, metavar="NAME", help="Only these messages.")
+@database_options
+@name_options
 @click.option(
     "--signal", "signals", multiple=True, metavar="MESSAGE.NAME",
     help="Only these signals, and messages that carry them.",
 )
-@click.option("--node", "nodes", multiple=True, metavar="NAME", help="Only what these nodes send.")
 @click.option(
     "--from", "from_s", type=float, default=-math.inf, metavar="S",
     help="Seconds, of the log's own time, or from its first frame where that is the system's.",
@@ -132,16 +123,23 @@ def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, boo
 
 
 def _chunks(log: Log, options: DecodeOptions) -> Iterator[FrameColumns]:
-    """What lies between --from and --to."""
-    origin_ns: int | None = None
+    """What lies between --from and --to.
+
+    Raises:
+        UserMistake: There is something in the log, and none of it a frame.
+    """
+    from telemetry.logs.frames import origin_ns
+
+    zero_ns: int | None = None
     for chunk in log.chunks():
         if not len(chunk):
             continue
-        if origin_ns is None:
-            first_ns = int(chunk.time_ns[0])
-            origin_ns = first_ns if first_ns > RELATIVE_S_MAX * NS_PER_S else 0
-        time_s = (chunk.time_ns - origin_ns) / NS_PER_S
+        if zero_ns is None:
+            zero_ns = origin_ns(int(chunk.time_ns[0]))
+        time_s = (chunk.time_ns - zero_ns) / NS_PER_S
         yield chunk.take((time_s >= options.from_s) & (time_s <= options.to_s))
+    if zero_ns is None and log.problems.count:
+        raise UserMistake(f"{options.log} is no log: {log.problems.lines()[0]}")
 
 
 def _write_lines(

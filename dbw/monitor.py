@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
-from dbw.options import WholeNumber, bitrate_option, interface_option, vehicle_option
+from dbw.options import (
+    WholeNumber,
+    bitrate_option,
+    database_options,
+    interface_option,
+    name_options,
+    vehicle_option,
+)
 
 if TYPE_CHECKING:
     from canbus.listener import Listener
@@ -93,20 +100,13 @@ Filters, as candump's, in hexadecimal (eight digits for 29-bit identifiers):
     type=WholeNumber(1, TIMEOUT_MS_MAX),
     help="End after so many ms without a frame.",
 )
-@click.option(
-    "--dbc",
-    multiple=True,
-    metavar="[CHANNEL=]FILE",
-    help="DBC to read frames with, several if need be; `vehicle` and `harness` are the project's.  "
-    "[default: vehicle]",
-)
-@click.option("--relaxed", is_flag=True, help="Load what can be read of a DBC with errors.")
+@database_options
 @click.option(
     "--canopen/--no-canopen",
     default=None,
     help="CANopen's frames in words.  [default: on this project's bus]",
 )
-@click.option("--message", "messages", multiple=True, metavar="NAME", help="Only these messages.")
+@name_options
 @click.option(
     "--signal",
     "signals",
@@ -114,7 +114,6 @@ Filters, as candump's, in hexadecimal (eight digits for 29-bit identifiers):
     metavar="[MESSAGE.]NAME",
     help="Only these signals, and messages that carry them.",
 )
-@click.option("--node", "nodes", multiple=True, metavar="NAME", help="Only what these nodes send.")
 @click.option("--log", metavar="FILE|-", help="Read a log of candump -L, - for standard input.")
 @click.option("--live", is_flag=True, help="A screen with a row per message; h shows its keys.")
 def monitor(raw: bool, **given: Any) -> int:

@@ -109,6 +109,30 @@ def vehicle_option(command: CommandT) -> CommandT:
     )(command)
 
 
+def database_options(command: CommandT) -> CommandT:
+    """`--dbc` and `--relaxed`, which frames are read with."""
+    command = click.option(
+        "--relaxed", is_flag=True, help="Load what can be read of a DBC with errors."
+    )(command)
+    return click.option(
+        "--dbc",
+        multiple=True,
+        metavar="[CHANNEL=]FILE",
+        help="DBC to read frames with, several if need be; `vehicle` and `harness` are the "
+        "project's.  [default: vehicle]",
+    )(command)
+
+
+def name_options(command: CommandT) -> CommandT:
+    """`--message` and `--node`, handed on as `messages` and `nodes`."""
+    command = click.option(
+        "--node", "nodes", multiple=True, metavar="NAME", help="Only what these nodes send."
+    )(command)
+    return click.option(
+        "--message", "messages", multiple=True, metavar="NAME", help="Only these messages."
+    )(command)
+
+
 def bitrate_option(command: CommandT) -> CommandT:
     """`--bitrate`."""
     return click.option(

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-RELATIVE_S_MAX = 86_400
-"""Times of a log that begins later than this are the system's, and told from its first frame on."""
 AROUND_S = 1.0
 RECEIVE_NS = 100_000_000
 EVERY = "all"
@@ -136,6 +134,7 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     Raises:
         LogError, UserMistake: It cannot be read, or is no such log.
     """
+    from telemetry.logs.frames import origin_ns
     from telemetry.logs.reading import Log
     from telemetry.why.incident import Incident
     from telemetry.why.watch import ModeChange, Watch
@@ -147,8 +146,8 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     told += _kept(watch.finish())
     if not watch.frames and reader.problems.count:
         raise UserMistake(f"{log} is no log: {reader.problems.lines()[0]}")
-    origin_ns = 0 if watch.begin_ns < RELATIVE_S_MAX * NS_PER_S else watch.begin_ns
-    low_ns, high_ns = (origin_ns + s * NS_PER_S for s in span_s)
+    zero_ns = origin_ns(watch.begin_ns)
+    low_ns, high_ns = (zero_ns + s * NS_PER_S for s in span_s)
     incidents = [
         item for item in told if isinstance(item, Incident) and low_ns <= item.time_ns <= high_ns
     ]
@@ -156,9 +155,9 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     modes = [item for item in told if isinstance(item, ModeChange)]
     notes = _notes(reader.problems, watch.frames, watch.known)
     if as_json:
-        _print_document(log, incidents, modes, notes, origin_ns, (watch.begin_ns, watch.end_ns))
+        _print_document(log, incidents, modes, notes, zero_ns, (watch.begin_ns, watch.end_ns))
     else:
-        _print_log(log, incidents, modes, notes, origin_ns, watch.end_ns - watch.begin_ns)
+        _print_log(log, incidents, modes, notes, zero_ns, watch.end_ns - watch.begin_ns)
     return EXIT_OK
 
 

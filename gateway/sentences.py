@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from dbc.messages import Inhibit, MonitorReason, Reason
+from dbc.spec import snake_case
 
 NODE_TEXT = {
     "Supervisor": "the supervisor",
@@ -17,7 +16,7 @@ NODE_TEXT = {
 """By the DBC's names."""
 
 _NODES = {
-    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).upper(): text
+    snake_case(name).upper(): text
     for name, text in NODE_TEXT.items()
     if name != "Supervisor"
 }

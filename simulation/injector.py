@@ -33,8 +33,8 @@ LINGERS_NS = {
     FaultKind.REPLAY: NS_PER_S, FaultKind.DELAY: NS_PER_MS,  # until the last frame has gone
 }
 """How long a fault stays after its end, for each unit of its value."""
-REJOIN_NS = 200 * NS_PER_MS
-"""A controller that was driven off the bus waits 100 ms, counts, and is back within this."""
+STAYS_NS = {FaultKind.BUS_OFF: 200 * NS_PER_MS}  # the controller waits 100 ms, counts, is back
+"""How long it stays, whatever its value."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -129,9 +129,8 @@ class Injector:
             for listener in self.listeners:
                 listener(now_ns, fault, False)
 
-        span_ns = round(fault.value * LINGERS_NS.get(fault.kind, 0))
-        if fault.kind is FaultKind.BUS_OFF:
-            span_ns = REJOIN_NS
+        kind = fault.kind
+        span_ns = round(fault.value * LINGERS_NS.get(kind, 0)) + STAYS_NS.get(kind, 0)
         if span_ns:
             self._world.kernel.at(true_ns + span_ns, FAULT_PRIORITY, end)
         else:

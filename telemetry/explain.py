@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dbc.endpoint import SPEC_OF_NAME
-from dbc.messages import SPECS, Reason, SafetyVerdict, Verdict
-from gateway.sentences import MONITOR_TEXT, REASON_TEXT
-from gateway.state import LIMIT_REASONS, message_name
+from dbc.messages import SPECS, Reason, Verdict
+from gateway.sentences import REASON_TEXT
+from gateway.state import verdict_text
 from telemetry.bus_log import BusLog
 from telemetry.signals import messages_of
 
@@ -65,14 +65,7 @@ def _causes(log: BusLog) -> Iterator[EmergencyCause]:
             )
     for time_s, verdict in messages_of(log, "SAFETY_VERDICT"):
         if verdict.verdict is Verdict.BRAKE:
-            yield EmergencyCause(time_s=time_s, node="SafetyMonitor", text=_verdict_text(verdict))
+            yield EmergencyCause(time_s=time_s, node="SafetyMonitor", text=verdict_text(verdict))
     for time_ns, _ in log.frames_of(SPEC_OF_NAME["FAILSAFE"].can_id):
         text = "a FAILSAFE frame (0x001) was on the bus"
         yield EmergencyCause(time_s=time_ns / 1e9, node="somebody", text=text)
-
-
-def _verdict_text(verdict: SafetyVerdict) -> str:
-    text = MONITOR_TEXT[verdict.reason]
-    if verdict.reason in LIMIT_REASONS:
-        return f"{text} ({verdict.value / 1000:.2f} of the limit)"
-    return f"{text} ({message_name(verdict.identifier)})" if verdict.identifier else text

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from configparser import RawConfigParser
 from dataclasses import dataclass
 from enum import IntEnum
-from importlib.resources import files
 from typing import TypeVar
 
 from canbus.node import NODE_IDS
 from dbc.messages import Inhibit, MonitorReason, Reason
 from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
+from telemetry.monitor.object_names import eds_of
 
 EnumT = TypeVar("EnumT", bound=IntEnum)
 
@@ -51,14 +50,11 @@ def parameters() -> dict[str, list[ParameterRow]]:
 
 
 def _parameters(node: str) -> Iterator[ParameterRow]:
-    parser = RawConfigParser()
-    parser.optionxform = str  # type: ignore[assignment, method-assign]
-    file = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", node).lower()
-    parser.read_string(files("dbc").joinpath("eds", f"{file}.eds").read_text(encoding="ascii"))
-    for section in parser.sections():
+    eds = eds_of(node)
+    for section in eds.sections():
         found = re.fullmatch(rf"{PARAMETERS}sub([1-9A-F]+)", section)
         if found:
-            entry = parser[section]
+            entry = eds[section]
             factor = float(entry["Factor"])
             low, high = (factor * int(entry[key], 0) for key in ("LowLimit", "HighLimit"))
             yield ParameterRow(

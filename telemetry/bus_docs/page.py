@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from telemetry.bus_docs.model import BusDoc
 from telemetry.bus_docs.own import ParameterRow
+from telemetry.pages import page_template
 
 COLOURS = ("#cfe3f3", "#f7d9c4", "#cdebdc", "#f3e3b3", "#e6d6ee", "#d9e2a8", "#f5ccd4", "#cfdadf")
 """Of signals in a layout picture, in turn; light enough for black text."""
@@ -25,15 +24,8 @@ def page_of(
         words: By value table and number, what a code means; None: nothing is known.
         parameters: By node, what can be read and written by SDO.
     """
-    environment = Environment(
-        loader=PackageLoader("telemetry.bus_docs"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"ms": milliseconds, "percent": percent}
-    return environment.get_template("bus.html.j2").render(
+    filters = {"ms": milliseconds, "percent": percent}
+    return page_template("telemetry.bus_docs", "bus.html.j2", filters).render(
         bus=bus, colours=COLOURS, words=words or {}, parameters=parameters or {}
     )
 

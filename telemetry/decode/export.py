@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,29 +83,26 @@ def _categorical(names: Names) -> pandas.Categorical:
 
 def write_csv(decoded: Decoded, folder: Path) -> list[Path]:
     """A CSV file for each message; answers their paths."""
-    from pyarrow import csv
+    from pyarrow.csv import write_csv as write
 
-    return [
-        _written(folder / f"{name}.csv", lambda path, t=table: csv.write_csv(_arrow(t), path))
-        for name, table in sorted(decoded.tables.items())
-    ]
+    return _write_each(decoded, folder, "csv", write)
 
 
 def write_parquet(decoded: Decoded, folder: Path) -> list[Path]:
     """A Parquet file for each message; answers their paths."""
-    from pyarrow import parquet
+    from pyarrow.parquet import write_table as write
 
-    return [
-        _written(
-            folder / f"{name}.parquet", lambda path, t=table: parquet.write_table(_arrow(t), path)
-        )
-        for name, table in sorted(decoded.tables.items())
-    ]
+    return _write_each(decoded, folder, "parquet", write)
 
 
-def _written(path: Path, write: Any) -> Path:
-    write(str(path))
-    return path
+def _write_each(
+    decoded: Decoded, folder: Path, ending: str, write: Callable[[Any, str], object]
+) -> list[Path]:
+    paths = []
+    for name, table in sorted(decoded.tables.items()):
+        paths.append(folder / f"{name}.{ending}")
+        write(_arrow(table), str(paths[-1]))
+    return paths
 
 
 def _arrow(table: Table) -> Any:

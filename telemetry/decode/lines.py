@@ -8,10 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from canbus.candump import NS_PER_US, US_PER_S, log_line
 from telemetry.decode.tables import Decoded, Names, Table
-from telemetry.logs.frames import NS_PER_US, FrameColumns, FrameFlag
+from telemetry.logs.frames import FrameColumns, FrameFlag
 
-US_PER_S: Final = 1_000_000
 NONE_TEXT: Final = "n/a"
 NO_UNITS: Final = (None, "", "1")
 PROTECTION_SIGNALS: Final = ("crc", "alive_counter")
@@ -82,31 +82,19 @@ def _text(value: float, is_float: bool) -> str:
 
 
 def _heads(frames: FrameColumns) -> list[str]:
-    """Frames as `candump -L` writes them."""
+    """Frames as `candump -L` writes them; classical ones with data at once."""
     channels = [f" {name} " for name in frames.channels]
     content, width = frames.data.tobytes().hex().upper(), 2 * frames.data.shape[1]
     seconds, us = np.divmod(frames.time_ns // NS_PER_US, US_PER_S)
     starts = np.arange(len(frames)) * width
-    odd_flags = frames.flags & np.uint8(ODD_FLAGS)
     ends = starts + 2 * frames.length.astype(np.int64)
-    columns = (seconds, us, frames.channel, frames.can_id, odd_flags, frames.length, starts, ends)
+    columns = (seconds, us, frames.channel, frames.can_id, starts, ends)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [
-        f"({s:010d}.{us:06d}){channels[channel]}{can_id:03X}#{content[start:end]}" if not odd
-        else f"({s:010d}.{us:06d}){channels[channel]}"
-        + _odd(can_id, odd, length, content[start:end])
-        for s, us, channel, can_id, odd, length, start, end in rows
-    ]  # fmt: skip
-
-
-def _odd(can_id: int, flags: int, length: int, data: str) -> str:
-    """Any frame but a classical one with data and an identifier of 11 bits."""
-    if flags & FrameFlag.ERROR:
-        return f"{can_id | 0x2000_0000:08X}#{data}"
-    number = f"{can_id:08X}" if flags & FrameFlag.EXTENDED else f"{can_id:03X}"
-    if flags & FrameFlag.REMOTE:
-        return f"{number}#R{length or ''}"
-    if flags & FrameFlag.FD:
-        state = bool(flags & FrameFlag.BITRATE_SWITCH) + 2 * bool(flags & FrameFlag.ERROR_STATE)
-        return f"{number}##{state:X}{data}"
-    return f"{number}#{data}"
+    lines = [
+        f"({s:010d}.{us:06d}){channels[channel]}{can_id:03X}#{content[start:end]}"
+        for s, us, channel, can_id, start, end in rows
+    ]
+    odd = np.flatnonzero(frames.flags & np.uint8(ODD_FLAGS))
+    for place, frame in zip(odd.tolist(), frames.take(odd).frames(), strict=True):
+        lines[place] = log_line(frame.heard())
+    return lines

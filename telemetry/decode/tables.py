@@ -146,11 +146,14 @@ class Decoder:
         raw: dict[str, NDArray[Any]] = {}
         values: dict[str, NDArray[Any]] = {}
         names: dict[str, Names] = {}
-        for signal in _selectors_first(message.signals):
-            raw[signal.name] = raw_of(signal, own.data)
+        wanted = [
+            signal for signal in message.signals
+            if not self._signals or signal.name in self._signals
+        ]  # fmt: skip
         for signal in message.signals:
-            if self._signals and signal.name not in self._signals:
-                continue
+            if signal in wanted or signal.is_multiplexer:
+                raw[signal.name] = raw_of(signal, own.data)
+        for signal in wanted:
             is_there = _is_there(message, signal, raw)
             values[signal.name], name = _scaled(signal, raw[signal.name], is_there)
             if name is not None:
@@ -214,10 +217,6 @@ def _groups(
     for group in np.split(order, ends) if len(order) else ():
         key = int(keys[group[0]])
         yield (key >> 40, key & 0xFFFF_FFFF, bool(key >> 32 & 1)), places[group]
-
-
-def _selectors_first(signals: Iterable[Signal]) -> list[Signal]:
-    return sorted(signals, key=lambda signal: not signal.is_multiplexer)
 
 
 def _is_there(

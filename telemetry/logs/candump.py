@@ -14,9 +14,8 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from canbus.heard import ERROR_FLAG, EXTENDED_ID_MAX
 from telemetry.logs.candump_line import (
-    CAN_ERR_FLAG,
-    CAN_ID_MASK,
     FD_LENGTHS,
     LineError,
     fd_flags,
@@ -179,10 +178,10 @@ class _Block:
         if shape["fd"]:
             flags |= fd_flags(int(shape["fd"][1:], 16))
         if len(shape["id"]) == 8:
-            is_error = (can_id & CAN_ERR_FLAG) != 0
-            is_id &= is_error | (can_id <= CAN_ID_MASK)
+            is_error = (can_id & ERROR_FLAG) != 0
+            is_id &= is_error | (can_id <= EXTENDED_ID_MAX)
             kinds = np.where(is_error, FrameFlag.ERROR, FrameFlag.EXTENDED).astype(np.uint8)
-            can_id &= CAN_ID_MASK
+            can_id &= EXTENDED_ID_MAX
         else:
             is_id &= can_id <= 0x7FF
             kinds = np.zeros(len(rows), np.uint8)

@@ -10,15 +10,9 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from canbus.heard import ERROR_FLAG, EXTENDED_ID_MAX, FD_BIT_RATE_SWITCH, FD_ERROR_STATE
 from telemetry.logs.frames import CLASSIC_BYTES, FD_BYTES, FrameFlag, LogFrame
 
-CAN_EFF_FLAG: Final = 0x8000_0000
-CAN_RTR_FLAG: Final = 0x4000_0000
-CAN_ERR_FLAG: Final = 0x2000_0000
-CAN_ID_MASK: Final = 0x1FFF_FFFF
-"""Linux, `include/uapi/linux/can.h`."""
-CANFD_BRS: Final = 1
-CANFD_ESI: Final = 2
 FD_LENGTHS: Final = frozenset({*range(9), 12, 16, 20, 24, 32, 48, 64})
 
 _TIME: Final = r"\((?P<s>\d{1,11})\.(?P<frac>\d{1,9})\)"
@@ -74,9 +68,9 @@ def _identifier(digits: str) -> tuple[int, FrameFlag]:
         if number > 0x7FF:
             raise LineError("the identifier is above 7FF")
         return number, FrameFlag(0)
-    if number & CAN_ERR_FLAG:
-        return number & CAN_ID_MASK, FrameFlag.ERROR
-    if number > CAN_ID_MASK:
+    if number & ERROR_FLAG:
+        return number & EXTENDED_ID_MAX, FrameFlag.ERROR
+    if number > EXTENDED_ID_MAX:
         raise LineError("the identifier is above 1FFFFFFF")
     return number, FrameFlag.EXTENDED
 
@@ -113,9 +107,9 @@ def _from_log_line(found: re.Match[str]) -> LogFrame:
 def fd_flags(digit: int) -> FrameFlag:
     """Flags of an FD frame by the digit behind its `##`."""
     flags = FrameFlag.FD
-    if digit & CANFD_BRS:
+    if digit & FD_BIT_RATE_SWITCH:
         flags |= FrameFlag.BITRATE_SWITCH
-    if digit & CANFD_ESI:
+    if digit & FD_ERROR_STATE:
         flags |= FrameFlag.ERROR_STATE
     return flags
 

@@ -11,10 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canbus.frame import Frame, FrameKind
+from canbus.heard import (
+    CLASSICAL,
+    ERROR_FLAG,
+    EXTENDED_FLAG,
+    FD_BIT_RATE_SWITCH,
+    FD_ERROR_STATE,
+    REMOTE_FLAG,
+    Heard,
+)
 
 CLASSIC_BYTES: Final = 8
 FD_BYTES: Final = 64
-NS_PER_US: Final = 1000
+NS_PER_S: Final = 1_000_000_000
+RELATIVE_NS_MAX: Final = 86_400 * NS_PER_S
+"""Times of a log that begins later than this are the system's."""
+
+
+def origin_ns(first_ns: int) -> int:
+    """From where a person counts: the log's own zero, or its first frame in the system's time."""
+    return first_ns if first_ns >= RELATIVE_NS_MAX else 0
+
 
 
 class FrameFlag(IntFlag):
@@ -50,6 +67,18 @@ class LogFrame(NamedTuple):
     length: int
     data: bytes
 
+    def heard(self) -> Heard:
+        """The frame as a listener hears it, every flag kept but the direction."""
+        word = self.can_id
+        for flag, bit in _WORD_BITS:
+            if flag in self.flags:
+                word |= bit
+        fd_flags = CLASSICAL
+        if FrameFlag.FD in self.flags:
+            fd_flags = FD_BIT_RATE_SWITCH * (FrameFlag.BITRATE_SWITCH in self.flags)
+            fd_flags |= FD_ERROR_STATE * (FrameFlag.ERROR_STATE in self.flags)
+        return Heard(self.time_ns, self.channel, word, self.data, self.length, fd_flags)
+
     def frame(self) -> Frame:
         """The frame as the bus has it; of several flags the one that says most."""
         for flag, kind in _KINDS:
@@ -58,6 +87,11 @@ class LogFrame(NamedTuple):
         return Frame(self.can_id, self.data)
 
 
+_WORD_BITS: Final = (
+    (FrameFlag.EXTENDED, EXTENDED_FLAG),
+    (FrameFlag.REMOTE, REMOTE_FLAG),
+    (FrameFlag.ERROR, ERROR_FLAG),
+)
 _KINDS: Final = (
     (FrameFlag.ERROR, FrameKind.ERROR),
     (FrameFlag.REMOTE, FrameKind.REMOTE),

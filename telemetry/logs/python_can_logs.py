@@ -12,8 +12,8 @@ from typing import Any, Final
 from can import Message
 from can.io import ASCReader, BLFReader, TRCReader
 
+from canbus.candump import NS_PER_US
 from telemetry.logs.frames import (
-    NS_PER_US,
     ChannelNames,
     FrameColumns,
     FrameFlag,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from configparser import ConfigParser, SectionProxy
 from functools import cache
@@ -10,6 +9,7 @@ from importlib.resources import files
 from typing import Final
 
 from canbus.canopen_parameters import INTEGER32, UNSIGNED32
+from dbc.spec import snake_case
 
 _SIGNED: Final = frozenset({0x02, 0x03, INTEGER32, 0x15})
 _UNSIGNED: Final = frozenset({0x01, 0x05, 0x06, UNSIGNED32, 0x1B})
@@ -19,10 +19,10 @@ _REAL32: Final = 0x08
 
 
 @cache
-def _eds(node: str) -> ConfigParser:
+def eds_of(node: str) -> ConfigParser:
     """The EDS of a node by its DBC name; an empty one for a node that has none."""
     parser = ConfigParser(interpolation=None, strict=False)
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", node).lower()
+    name = snake_case(node)
     file = files("dbc").joinpath("eds", f"{name}.eds")
     if name.isidentifier() and file.is_file():
         parser.read_string(file.read_text(encoding="utf-8"))
@@ -31,7 +31,7 @@ def _eds(node: str) -> ConfigParser:
 
 def _entry(node: str, index: int, subindex: int) -> SectionProxy | None:
     """What the EDS says of an object, or of its member."""
-    eds = _eds(node)
+    eds = eds_of(node)
     for section in (f"{index:04X}sub{subindex:X}", f"{index:04X}"):
         if eds.has_section(section):
             return eds[section]

@@ -15,7 +15,8 @@ from dbc.database import (
     dbc_hash,
     dbc_text,
 )
-from dbc.generate import generate, snake
+from dbc.generate import generate
+from dbc.spec import snake_case
 
 FILES = {VEHICLE_DBC: Path(messages.__file__), HARNESS_DBC: Path(harness.__file__)}
 
@@ -39,7 +40,7 @@ def test_run_as_a_command_it_writes_both_modules_beside_itself(tmp_path: Path) -
     [("Nmt", "nmt"), ("SteerStatus", "steer_status"), ("HeartbeatState", "heartbeat_state")],
 )
 def test_class_names_become_snake_case(camel: str, expected: str) -> None:
-    assert snake(camel) == expected
+    assert snake_case(camel) == expected
 
 
 def test_the_hash_of_a_text_changes_with_one_letter_and_fits_32_bits() -> None:

@@ -80,6 +80,8 @@ def test_tables_are_written(log: Path, tmp_path: Path, capsys: Capture, kind: st
     ("arguments", "said"),
     [
         (["missing.log"], "missing.log: cannot be read"),
+        (["pyproject.toml"], "pyproject.toml is no log: "),
+        (["pyproject.toml", "--csv", "nowhere"], "pyproject.toml is no log: "),
         (["LOG", "--message", "SteerHartbeat"], "did you mean STEER_HEARTBEAT"),
         (["LOG", "--signal", "state"], "MESSAGE.SIGNAL is wanted"),
         (["LOG", "--csv", "a", "--parquet", "b"], "one of them is wanted"),

@@ -10,7 +10,6 @@ import pytest
 from cantools.database import load_string
 from cantools.database.can import Database, Message, Signal
 from hypothesis import given
-from hypothesis import strategies as st
 
 from canbus.timing import MessageTiming, response_times_ns
 from dbc.messages import SPECS, Reason
@@ -20,6 +19,7 @@ from telemetry.bus_docs.model import BusDoc, document
 from telemetry.bus_docs.own import parameters, words
 from telemetry.bus_docs.page import page_of
 from telemetry.databases import load_databases
+from tests.telemetry.drawn_signals import drawn_signals
 
 ROOT = Path(__file__).parents[2]
 
@@ -64,18 +64,11 @@ def bits_that_are_set(message: Message, signal: Signal) -> set[int]:
 # Layout ------------------------------------------------------------------------------------------
 
 
-@given(st.booleans(), st.booleans(), st.integers(1, 64), st.data())
-def test_bits_are_where_cantools_puts_them(
-    is_intel: bool, is_signed: bool, length: int, data: st.DataObject
-) -> None:
-    place = data.draw(st.integers(0, 64 - length))
-    # Motorola: bit 7 of byte 0 is the first in the order of the wire
-    start = place if is_intel else 8 * (place // 8) + 7 - place % 8
-    order = "little_endian" if is_intel else "big_endian"
-    signal = Signal("s", start, length, byte_order=order, is_signed=is_signed)  # type: ignore[arg-type]
+@given(drawn_signals())
+def test_bits_are_where_cantools_puts_them(signal: Signal) -> None:
     message = Message(1, "m", 8, [signal])
     assert set(bits_of(signal)) == bits_that_are_set(message, signal)
-    assert len(bits_of(signal)) == length
+    assert len(bits_of(signal)) == signal.length
 
 
 def test_every_bit_of_a_picture_is_drawn_once_and_every_signal_is_in_it() -> None:

@@ -26,6 +26,7 @@ from telemetry.decode.lines import lines_of
 from telemetry.decode.tables import Decoded, Decoder
 from telemetry.logs.frames import ChannelNames, FrameFlag, LogFrame
 from telemetry.logs.frames import columns_of as as_columns
+from tests.telemetry.drawn_signals import drawn_signals
 from tests.telemetry.test_telemetry_bus_docs import FOREIGN
 from vehicles import load_vehicle
 
@@ -73,16 +74,9 @@ def logged(rows: list[TraceRow]) -> list[LogFrame]:
 # Bits --------------------------------------------------------------------------------------------
 
 
-@given(st.booleans(), st.booleans(), st.integers(1, 64), st.data())
-def test_every_signal_is_read_as_cantools_reads_it(
-    is_intel: bool, is_signed: bool, length: int, data: st.DataObject
-) -> None:
-    place = data.draw(st.integers(0, 64 - length))
-    start = place if is_intel else 8 * (place // 8) + 7 - place % 8
-    order = "little_endian" if is_intel else "big_endian"
-    signal = Signal("s", start, length, byte_order=order, is_signed=is_signed)  # type: ignore[arg-type]
+@given(drawn_signals(), st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=4))
+def test_every_signal_is_read_as_cantools_reads_it(signal: Signal, contents: list[bytes]) -> None:
     message = Message(1, "m", 8, [signal])
-    contents = data.draw(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=4))
     found = raw_of(signal, np.frombuffer(b"".join(contents), np.uint8).reshape(-1, 8))
     expected: list[Any] = [message.decode(content) for content in contents]
     assert found.tolist() == [values["s"] for values in expected]
