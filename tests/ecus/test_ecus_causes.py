@@ -141,6 +141,18 @@ def test_one_state_with_another_epoch_unlatches_nothing(name: str, mode: Mode) -
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_one_state_that_is_looked_at_again_and_again_is_not_told_twice(name: str) -> None:
+    rig = Rig(name).drive()
+    late(rig)
+    rig.emergency().steps(3)
+    rig.mode, rig.is_authorised, rig.reset_epoch = Mode.MANUAL, False, 1
+    rig.step()
+    rig.mode = None  # nothing more of the supervisor is heard
+    rig.steps(110)
+    assert flags(rig.all_sent("DRIVER")[-1]) == {2}
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_restarted_supervisor_with_another_epoch_unlatches_nothing(name: str) -> None:
     rig = Rig(name)
     rig.reset_epoch = 3

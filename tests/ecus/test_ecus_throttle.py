@@ -178,6 +178,17 @@ def test_regeneration_goes_on_while_one_axle_rolls_forward(
     assert rig.output.actuator == (FULL_REGEN if regenerates else IDLE)
 
 
+def test_a_rear_axle_that_is_no_longer_heard_does_not_roll() -> None:
+    rig = moving(5.0)
+    rig.rear_wheel_speed_radps = 3.0 / RADIUS_M
+    rig.speed_mps = 0.0
+    rig.emergency().steps(100)
+    assert rig.output.actuator == FULL_REGEN
+    rig.servo = None  # nor is its BRAKE_STATUS
+    rig.steps(7)
+    assert rig.output.actuator == IDLE
+
+
 def test_bus_gone_entirely_ends_in_zero_traction_and_all_regeneration() -> None:
     rig = moving(5.0, 7.0)
     rig.mode = rig.servo = rig.age_ms = None
