@@ -13,7 +13,15 @@ import can
 
 from canbus.bus import ERROR_CLASS_TEXT, BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
-from canbus.heard import CLASSICAL, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Heard
+from canbus.heard import (
+    CLASSICAL,
+    ERROR_FLAG,
+    EXTENDED_FLAG,
+    FD_BIT_RATE_SWITCH,
+    FD_ERROR_STATE,
+    REMOTE_FLAG,
+    Heard,
+)
 from canbus.socketcan import Arrivals, make_room, read_frame, receive_drops, write_frame
 
 SOCKETCAN = "socketcan"
@@ -49,6 +57,7 @@ class PythonCanBus:
             the kernel's stamp (`canbus.socketcan.Arrivals`): the reader's latency is gone.
         backlog_frames: how many frames the kernel is to keep on SocketCAN while nobody reads; None
             leaves it the system's choice.
+        fd: whether frames of CAN FD may be sent and heard.
         acceptance: identifiers to hand on, None for all. Filtered in the kernel on SocketCAN, and
             here in any case. It looks at the identifier alone: remote, extended and FD frames with
             an accepted identifier pass, to be counted by their receiver. Error frames always pass.
@@ -67,6 +76,7 @@ class PythonCanBus:
         bitrate: int | None = None,
         acceptance: frozenset[int] | None = None,
         backlog_frames: int | None = None,
+        fd: bool = False,
     ) -> None:
         if bitrate is not None and bitrate <= 0:
             raise ValueError(f"bitrate: {bitrate} bit/s; must be above 0")
@@ -80,6 +90,7 @@ class PythonCanBus:
         self._realtime = realtime
         self._acceptance = acceptance
         self._backlog_frames = backlog_frames
+        self._fd = fd
         self._bus: can.BusABC | None = None
         self._socket: socket.socket | None = None
         self._arrivals: Arrivals | None = None
@@ -109,7 +120,7 @@ class PythonCanBus:
         self.close()
 
     def _open(self) -> None:
-        options: dict[str, Any] = {}
+        options: dict[str, Any] = {"fd": True} if self._fd else {}
         if self._bitrate is not None:
             options["bitrate"] = self._bitrate
         if self._acceptance is not None and self._interface == SOCKETCAN:
@@ -138,6 +149,17 @@ class PythonCanBus:
             self._rx_lost += self._lost_in_queue()
             self._bus.shutdown()
             self._bus = self._socket = self._arrivals = None
+
+    def repeat(self, heard: Heard) -> bool:
+        """Hand on a frame that was heard elsewhere, with every flag but the channel; as `send`."""
+        assert self._bus is not None, "the bus is not open"
+        try:
+            self._bus.send(_from_heard(heard), timeout=0)
+        except (can.CanError, OSError):
+            self._tx_failures += 1
+            return False
+        self._sent += 1
+        return True
 
     def send(self, frame: Frame) -> bool:
         """Hand `frame` to the driver without waiting.
@@ -327,6 +349,21 @@ def _to_heard(message: can.Message, channel: str, time_ns: int) -> Heard:
         data,
         message.dlc if message.is_remote_frame else len(data),
         fd_flags if message.is_fd else CLASSICAL,
+    )
+
+
+def _from_heard(heard: Heard) -> can.Message:
+    """The reverse of `_to_heard`."""
+    return can.Message(
+        arbitration_id=heard.can_id,
+        data=heard.data,
+        dlc=heard.length,
+        is_extended_id=heard.is_extended,
+        is_remote_frame=heard.is_remote,
+        is_error_frame=heard.is_error,
+        is_fd=heard.is_fd,
+        bitrate_switch=heard.is_fd and bool(heard.fd_flags & FD_BIT_RATE_SWITCH),
+        error_state_indicator=heard.is_fd and bool(heard.fd_flags & FD_ERROR_STATE),
     )
 
 

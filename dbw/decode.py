@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,15 +10,12 @@ from typing import TYPE_CHECKING
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
-from dbw.options import database_options, name_options
+from dbw.options import database_options, name_options, span_options
 
 if TYPE_CHECKING:
     from telemetry.databases import Databases
     from telemetry.decode.tables import Decoder
-    from telemetry.logs.frames import FrameColumns
     from telemetry.logs.reading import Log
-
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +49,7 @@ Examples:
     "--signal", "signals", multiple=True, metavar="MESSAGE.NAME",
     help="Only these signals, and messages that carry them.",
 )
-@click.option(
-    "--from", "from_s", type=float, default=-math.inf, metavar="S",
-    help="Seconds, of the log's own time, or from its first frame where that is the system's.",
-)
-@click.option("--to", "to_s", type=float, default=math.inf, metavar="S", help="The same.")
+@span_options
 @click.option(
     "--csv", type=click.Path(path_type=Path), metavar="FOLDER", help="A CSV for each message."
 )
@@ -74,8 +65,6 @@ def decode(**given: object) -> int:
     what could not be read is told on stderr.
     """
     options = DecodeOptions(**given)  # type: ignore[arg-type]
-    if math.isnan(options.from_s) or math.isnan(options.to_s):
-        raise UserMistake("--from and --to: a number of seconds is wanted")
     if options.csv and options.parquet:
         raise UserMistake("--csv and --parquet: one of them is wanted")
     return run_decode(options)
@@ -122,33 +111,13 @@ def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, boo
     return Decoder(databases, only, signals), not only
 
 
-def _chunks(log: Log, options: DecodeOptions) -> Iterator[FrameColumns]:
-    """What lies between --from and --to.
-
-    Raises:
-        UserMistake: There is something in the log, and none of it a frame.
-    """
-    from telemetry.logs.frames import origin_ns
-
-    zero_ns: int | None = None
-    for chunk in log.chunks():
-        if not len(chunk):
-            continue
-        if zero_ns is None:
-            zero_ns = origin_ns(int(chunk.time_ns[0]))
-        time_s = (chunk.time_ns - zero_ns) / NS_PER_S
-        yield chunk.take((time_s >= options.from_s) & (time_s <= options.to_s))
-    if zero_ns is None and log.problems.count:
-        raise UserMistake(f"{options.log} is no log: {log.problems.lines()[0]}")
-
-
 def _write_lines(
     log: Log, decoder: Decoder, options: DecodeOptions, *, with_others: bool
 ) -> None:
     from telemetry.decode.lines import lines_of
 
     wrong: dict[str, int] = {}
-    for chunk in _chunks(log, options):
+    for chunk in log.between(options.from_s, options.to_s):
         decoded = decoder.decode(chunk)
         for name, count in decoded.wrong_lengths.items():
             wrong[name] = wrong.get(name, 0) + count
@@ -170,7 +139,7 @@ def _write_tables(log: Log, decoder: Decoder, options: DecodeOptions) -> None:
     from telemetry.folder import ResultFolder
     from telemetry.logs.frames import joined
 
-    decoded = decoder.decode(joined(list(_chunks(log, options))))
+    decoded = decoder.decode(joined(list(log.between(options.from_s, options.to_s))))
     destination = options.csv or options.parquet
     assert destination is not None
     write = write_csv if options.csv else write_parquet

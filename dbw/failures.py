@@ -45,6 +45,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("telemetry.folder", "FolderError"),
         ("telemetry.monitor.filters", "FilterError"),
         ("telemetry.logs.reading", "LogError"),
+        ("telemetry.replay.through_node", "ReplayError"),
         ("telemetry.why.freeze", "FreezeError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),

@@ -28,6 +28,7 @@ COMMANDS = {
     "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
     "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
     "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
+    "replay": ("dbw.replay", "Play a log once more: as lines, onto a bus, or through a node."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -143,7 +144,7 @@ def run_monitor(options: MonitorOptions) -> int:
     if len({source.channel for source in sources}) != len(sources):
         raise UserMistake("a channel is named twice: name it once, with all its filters")
     _check_combination(options)
-    catalogue = _catalogue(options)
+    catalogue = catalogue_of(options.dbc, relaxed=options.relaxed)
     interpreter = Interpreter(catalogue, canopen=options.canopen)
     selection = select(
         catalogue,
@@ -162,7 +163,7 @@ def run_monitor(options: MonitorOptions) -> int:
                 selection=selection,
                 channels=channels_of(selection),
                 bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(options.vehicle),
-                with_colours=_wants_colours(options.colour),
+                with_colours=wants_colours(options.colour),
             )
         return _write_lines(options, interpreter, selection)
 
@@ -182,15 +183,15 @@ def _check_combination(options: MonitorOptions) -> None:
         raise UserMistake("--live needs a terminal: leave it away to write lines into a file")
 
 
-def _catalogue(options: MonitorOptions) -> Catalogue:
+def catalogue_of(dbc: Sequence[str], *, relaxed: bool) -> Catalogue:
     """What is known of the bus; cantools is imported only for a DBC that is given."""
     from telemetry.monitor.known import Catalogue
 
-    if not options.dbc:
+    if not dbc:
         return Catalogue()
     from telemetry.databases import load_databases
 
-    databases = load_databases(options.dbc, relaxed=options.relaxed)
+    databases = load_databases(dbc, relaxed=relaxed)
     for note in databases.notes:
         click.echo(f"dbw: {note}", err=True)
     return Catalogue(databases)
@@ -225,7 +226,8 @@ def _vehicle_bitrate_bps(vehicle: str) -> int:
     return round(load_vehicle(vehicle).bus.bitrate_bps)
 
 
-def _wants_colours(colour: str) -> bool:
+def wants_colours(colour: str) -> bool:
+    """Whether `auto`, `always` or `never` means colours here."""
     if colour == "auto":
         return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
     return colour == "always"
@@ -247,7 +249,7 @@ def _write_lines(
             with_meaning=options.with_meaning,
             as_log=options.as_log,
         ),
-        with_colours=_wants_colours(options.colour),
+        with_colours=wants_colours(options.colour),
         count=options.count,
     )
     if options.log is not None:

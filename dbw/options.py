@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -34,6 +35,24 @@ class WholeNumber(click.ParamType[int]):
         if not self._low <= number <= self._high:
             self.fail(f"{value!r}: a whole number from {self._low} to {self._high} is wanted")
         return number
+
+
+class Seconds(click.ParamType[float]):
+    """A time in seconds; not NaN, which every comparison would let pass."""
+
+    name = "seconds"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The time; fails as click does."""
+        try:
+            time_s = float(value)
+        except ValueError:
+            time_s = math.nan
+        if math.isnan(time_s):
+            self.fail(f"{value!r}: a number of seconds is wanted")
+        return time_s
 
 
 class BusName(click.ParamType[str]):
@@ -120,6 +139,21 @@ def database_options(command: CommandT) -> CommandT:
         metavar="[CHANNEL=]FILE",
         help="DBC to read frames with, several if need be; `vehicle` and `harness` are the "
         "project's.  [default: vehicle]",
+    )(command)
+
+
+def span_options(command: CommandT) -> CommandT:
+    """`--from` and `--to`, which part of a log."""
+    command = click.option(
+        "--to", "to_s", type=Seconds(), default=math.inf, metavar="S", help="The same."
+    )(command)
+    return click.option(
+        "--from",
+        "from_s",
+        type=Seconds(),
+        default=-math.inf,
+        metavar="S",
+        help="Seconds, of the log's own time, or from its first frame where that is the system's.",
     )(command)
 
 

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import BinaryIO, Final, cast
 
 from telemetry.logs.candump import read_candump
-from telemetry.logs.frames import ChannelNames, FrameColumns, LogFrame, joined
+from telemetry.logs.frames import (
+    NS_PER_S,
+    ChannelNames,
+    FrameColumns,
+    LogFrame,
+    joined,
+    origin_ns,
+)
 from telemetry.logs.problems import Problems
 
 GZIP: Final = b"\x1f\x8b"
@@ -76,6 +83,23 @@ class Log:
     def columns(self) -> FrameColumns:
         """All frames at once."""
         return joined(list(self.chunks()))
+
+    def between(self, from_s: float, to_s: float) -> Iterator[FrameColumns]:
+        """The chunks' frames of a span of time, in seconds as a person counts them (`origin_ns`).
+
+        Raises:
+            LogError: There is something in the log, and none of it a frame.
+        """
+        zero_ns: int | None = None
+        for chunk in self.chunks():
+            if not len(chunk):
+                continue
+            if zero_ns is None:
+                zero_ns = origin_ns(int(chunk.time_ns[0]))
+            time_s = (chunk.time_ns - zero_ns) / NS_PER_S
+            yield chunk.take((time_s >= from_s) & (time_s <= to_s))
+        if zero_ns is None and self.problems.count:
+            raise LogError(f"{self.path} is no log: {self.problems.lines()[0]}")
 
     def _gzip_reader(self, file: BinaryIO) -> Callable[[int], bytes]:
         unpacked = cast("BinaryIO", gzip.GzipFile(fileobj=file))
