@@ -30,6 +30,7 @@ COMMANDS = {
     "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
     "replay": ("dbw.replay", "Play a log once more: as lines, onto a bus, or through a node."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
+    "reproduce": ("dbw.reproduce", "Run the papers' experiments again and beside this stack."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),
     "vm": ("dbw.vm", "Run commands in a virtual machine that has SocketCAN."),

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "canbus", "vehicles", "dbc", "ecus", "gateway", "safety_monitor", "oracle", "simulation",
-    "runtime", "planner", "telemetry", "campaign", "dbw", "bench", "examples",
+    "runtime", "planner", "telemetry", "campaign", "experiments", "dbw", "bench", "examples",
 )
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -29,7 +29,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"canbus", "dbc", "ecus", "gateway", "oracle", "safety_monitor", "vehicles"},
     "runtime": {"canbus", "dbc", "ecus", "gateway", "safety_monitor", "simulation", "vehicles"},
     "telemetry": {"canbus", "dbc", "gateway", "oracle", "planner", "simulation", "vehicles"},
-    "campaign": set(PACKAGES) - {"dbw", "bench", "examples"},
+    "campaign": set(PACKAGES) - {"dbw", "experiments", "bench", "examples"},
+    "experiments": set(PACKAGES) - {"campaign", "bench", "examples"},
     "dbw": set(PACKAGES) - {"bench", "examples"},
     "bench": set(PACKAGES) - {"examples"},
     "examples": {"gateway", "planner", "runtime", "vehicles"},
@@ -180,6 +181,10 @@ def test_the_e2e_library_is_imported_by_the_codec_and_by_its_judge() -> None:
     assert importers("e2e") == {"dbc/protection.py", "oracle/decode.py"}
 
 
+def test_experiments_drive_as_the_command_line_does_and_are_started_by_one_command() -> None:
+    assert importers("experiments") - set(sources("experiments")) == {"dbw/reproduce.py"}
+
+
 def test_clocks_are_read_in_two_places() -> None:
     measuring = set(sources("bench"))
     assert (importers("time") | importers("datetime")) - measuring == CLOCKS
@@ -217,5 +222,6 @@ def test_chance_is_made_where_a_world_is_made_and_with_a_seed(name: str) -> None
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng"):
             assert node.args, f"{name}:{node.lineno}: a generator without a seed"
             assert name.startswith(
-                ("simulation/world", "runtime/plant_process", "campaign/run", "dbw/", "bench/")
+                ("simulation/world", "runtime/plant_process", "campaign/run", "experiments/table",
+                 "dbw/", "bench/")
             )

@@ -1,0 +1,1 @@
+"""UAH: Arango et al., Drive-By-Wire Development Process Based on ROS, Sensors 2020."""

@@ -1,0 +1,27 @@
+"""UAH's experiments, in the order of the paper's sections."""
+
+from __future__ import annotations
+
+from experiments.result import Experiment
+from experiments.uah import accuracy, reliability, vernier
+
+EXPERIMENTS: tuple[Experiment, ...] = (
+    Experiment(
+        id="uah-vernier",
+        title="Angle sensor, encoder and DAC",
+        source="UAH 4.1 and 4.2, Eq. 1-3",
+        run=vernier.run,
+    ),
+    Experiment(
+        id="uah-accuracy",
+        title="Errors of sensors and dimensions in curvature and speed",
+        source="UAH 4.6, Eq. 15-20",
+        run=accuracy.run,
+    ),
+    Experiment(
+        id="uah-reliability",
+        title="Reliability",
+        source="UAH 5.4, Eq. 21-25",
+        run=reliability.run,
+    ),
+)
