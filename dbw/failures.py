@@ -44,6 +44,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("telemetry.databases", "DatabaseError"),
         ("telemetry.folder", "FolderError"),
         ("telemetry.monitor.filters", "FilterError"),
+        ("telemetry.dashboard.server", "DashboardError"),
         ("telemetry.logs.reading", "LogError"),
         ("telemetry.replay.through_node", "ReplayError"),
         ("telemetry.why.freeze", "FreezeError"),

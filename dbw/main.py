@@ -29,6 +29,7 @@ COMMANDS = {
     "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
     "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
     "replay": ("dbw.replay", "Play a log once more: as lines, onto a bus, or through a node."),
+    "dashboard": ("dbw.dashboard", "Show the car on a web page: watch, drive, brake."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "reproduce": ("dbw.reproduce", "Run the papers' experiments again and beside this stack."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),

@@ -1,0 +1,164 @@
+"""Puts a dashboard together: the bus, what can be done to the car, the server, its end."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from canbus.heard import Heard
+from canbus.listener import SOCKETCAN, Listener, PythonCanListener, SocketcanListener
+from dbc.messages import SPECS
+from dbw.dashboard_controls import CarControls
+from gateway.connect import connect
+from runtime.clock import NS_PER_S, local_text, monotonic_ns, realtime_ns
+from telemetry.dashboard.access import Access
+from telemetry.dashboard.picture import HumanClock, Picture
+from telemetry.dashboard.server import Server, listen
+from vehicles import Vehicle
+
+GATEWAY = "Gateway"
+LOOK_NS = 300_000_000
+"""For a gateway that is there already: six of its heartbeats."""
+JOIN_S_MAX = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What the command line asks for."""
+
+    interface: str
+    channel: str
+    vehicle: Vehicle
+    host: str
+    port: int
+    access: Access
+    bitrate_bps: int | None = None
+    harness_channel: str | None = None
+    with_gateway: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dashboard:
+    """One that listens; it answers while `serve` runs."""
+
+    server: Server
+    listening: socket.socket
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.listening.getsockname()[1])
+
+    def serve(self, is_over: Callable[[], bool]) -> None:
+        """Until it is over."""
+        asyncio.run(self.server.serve(self.listening, is_over))
+
+
+@contextmanager
+def open_dashboard(setup: Setup) -> Iterator[Dashboard]:
+    """Opens the port, the bus and the controls.
+
+    Raises:
+        DashboardError: The port cannot be had.
+        BusError: The bus cannot be opened.
+    """
+    vehicle = setup.vehicle
+    bitrate_bps = setup.bitrate_bps or round(vehicle.bus.bitrate_bps)
+    with ExitStack() as stack:
+        listening = stack.enter_context(listen(setup.host, setup.port))
+        listener = stack.enter_context(_listener_of(setup))
+        car = None
+        if setup.with_gateway:
+            car = stack.enter_context(
+                connect(setup.interface, setup.channel, vehicle=vehicle)
+                if setup.bitrate_bps is None
+                else connect(
+                    setup.interface, setup.channel, vehicle=vehicle, bitrate_bps=bitrate_bps
+                )
+            )
+        controls = stack.enter_context(
+            CarControls(
+                setup.interface,
+                setup.channel,
+                vehicle=vehicle,
+                harness_channel=setup.harness_channel,
+                car=car,
+            )
+        )
+        clock = HumanClock(unix_s=_unix_s, text=_time_of_day)
+        server = Server(
+            listener=listener,
+            picture=Picture(vehicle, setup.channel, bitrate_bps, clock),
+            controls=controls,
+            access=setup.access,
+            about=_about(setup),
+            clock=monotonic_ns,
+            realtime=realtime_ns,
+        )
+        yield Dashboard(server=server, listening=listening)
+
+
+@contextmanager
+def dashboard_beside(setup: Setup) -> Iterator[Dashboard]:
+    """A dashboard in a thread of its own, beside a drive in this process."""
+    ended = threading.Event()
+    with open_dashboard(setup) as dashboard:
+        thread = threading.Thread(
+            target=dashboard.serve, args=(ended.is_set,), name="dashboard", daemon=True
+        )
+        thread.start()
+        try:
+            yield dashboard
+        finally:
+            ended.set()
+            thread.join(JOIN_S_MAX)
+
+
+def gateway_is_heard(setup: Setup) -> bool:
+    """Whether somebody sends what only a gateway may send."""
+    deadline_ns = monotonic_ns() + LOOK_NS
+    with _listener_of(setup) as listener:
+        while (rest_ns := deadline_ns - monotonic_ns()) > 0:
+            if any(_is_gateways(heard) for heard in listener.hear(rest_ns)):
+                return True
+    return False
+
+
+def _is_gateways(heard: Heard) -> bool:
+    spec = SPECS.get(heard.word)
+    return spec is not None and spec.sender == GATEWAY
+
+
+def _listener_of(setup: Setup) -> Listener:
+    if setup.interface == SOCKETCAN:
+        return SocketcanListener([setup.channel], realtime=realtime_ns)
+    return PythonCanListener(
+        setup.interface,
+        [setup.channel],
+        clock=monotonic_ns,
+        realtime=realtime_ns,
+        bitrate=setup.bitrate_bps,
+    )
+
+
+def _about(setup: Setup) -> dict[str, object]:
+    vehicle = setup.vehicle
+    return {
+        "vehicle": vehicle.name,
+        "bus": f"{setup.interface} {setup.channel}",
+        "wheel_rad_max": vehicle.steering.wheel_angle_rad_max,
+        "speed_mps_max": vehicle.traction.speed_mps_max,
+    }
+
+
+def _unix_s(time_ns: int) -> float:
+    return (realtime_ns() - (monotonic_ns() - time_ns)) / NS_PER_S
+
+
+def _time_of_day(time_ns: int) -> str:
+    unix_s = _unix_s(time_ns)
+    return f"{local_text(int(unix_s)).partition(' ')[2]}.{int(unix_s % 1 * 1000):03d}"
