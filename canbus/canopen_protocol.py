@@ -23,11 +23,15 @@ EMCY_INHIBIT: Final = 0x1015
 HEARTBEAT_TIME: Final = 0x1017
 CONFIGURATION: Final = 0x2000
 PARAMETERS: Final = 0x2100
-REQUIRED_OBJECTS: Final = (
+DEVICE_OBJECTS: Final = (
     *(0x1000, ERROR_REGISTER, 0x1008, 0x100A, 0x1014, EMCY_INHIBIT, HEARTBEAT_TIME),
-    *(0x1018, 0x1200, CONFIGURATION, PARAMETERS),
+    *(0x1018, 0x1200),
 )
-"""Objects every node's EDS must have."""
+"""Objects every device's EDS must have."""
+REQUIRED_OBJECTS: Final = (*DEVICE_OBJECTS, CONFIGURATION, PARAMETERS)
+"""Objects the EDS of a node of ours must have."""
+COMMUNICATION_OBJECTS: Final = range(0x1002, 0x2000)
+"""What a communication reset puts back; the error register tells what is, not what was set."""
 
 ABORT_TIMEOUT: Final = 0x05040000
 ABORT_COMMAND: Final = 0x05040001

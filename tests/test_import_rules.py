@@ -174,7 +174,7 @@ def test_python_can_is_imported_for_buses_and_for_logs_in_one_place_each() -> No
 
 
 def test_canopen_is_imported_in_one_place() -> None:
-    assert importers("canopen") == {"canbus/canopen_node.py"}
+    assert importers("canopen") == {"canbus/canopen_device.py"}
 
 
 def test_the_e2e_library_is_imported_by_the_codec_and_by_its_judge() -> None:

@@ -14,8 +14,8 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canbus.canopen_device import DOWNLOAD_BYTES_MAX
 from canbus.canopen_node import (
-    DOWNLOAD_BYTES_MAX,
     CanopenEvent,
     CanopenEventKind,
     CanopenNode,
