@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,13 @@ from typing import TYPE_CHECKING
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
-from dbw.options import database_options, name_options, span_options
+from dbw.options import (
+    STANDARD_INPUT,
+    database_options,
+    name_options,
+    signal_option,
+    span_options,
+)
 
 if TYPE_CHECKING:
     from telemetry.databases import Databases
@@ -45,10 +52,7 @@ Examples:
 @click.argument("log", metavar="LOG|-")
 @database_options
 @name_options
-@click.option(
-    "--signal", "signals", multiple=True, metavar="MESSAGE.NAME",
-    help="Only these signals, and messages that carry them.",
-)
+@signal_option
 @span_options
 @click.option(
     "--csv", type=click.Path(path_type=Path), metavar="FOLDER", help="A CSV for each message."
@@ -77,13 +81,12 @@ def run_decode(options: DecodeOptions) -> int:
         LogError, DatabaseError, UserMistake: What the user can put right.
     """
     from telemetry.databases import load_databases
-    from telemetry.logs.reading import Log, LogStream
 
     databases = load_databases(options.dbc, relaxed=options.relaxed)
     for note in databases.notes:
         click.echo(f"dbw: {note}", err=True)
     decoder, is_all = _decoder(databases, options)
-    log = LogStream(sys.stdin.fileno()) if options.log == "-" else Log(options.log)
+    log = open_log(options.log)
     if options.csv or options.parquet:
         _write_tables(log, decoder, options)
     else:
@@ -93,6 +96,33 @@ def run_decode(options: DecodeOptions) -> int:
     return EXIT_OK
 
 
+def signals_of(databases: Databases, given: Iterable[str]) -> list[tuple[str, str]]:
+    """`MESSAGE.SIGNAL` as the names of both, as the DBC has them.
+
+    Raises:
+        DatabaseError, UserMistake: There is no such signal.
+    """
+    found = []
+    for text in given:
+        owner, _, name = text.rpartition(".")
+        if not owner:
+            raise UserMistake(f"--signal {text}: MESSAGE.SIGNAL is wanted")
+        message = databases.named(owner)
+        found.append((message.name, databases.signal(message, name).name))
+    return found
+
+
+def open_log(name: str) -> Log:
+    """A log by its name, `-` for standard input.
+
+    Raises:
+        LogError: It cannot be read.
+    """
+    from telemetry.logs.reading import Log, LogStream
+
+    return LogStream(sys.stdin.fileno()) if name == STANDARD_INPUT else Log(name)
+
+
 def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, bool]:
     """What reads the wanted messages, and whether that is all of them."""
     from telemetry.decode.tables import Decoder
@@ -100,14 +130,9 @@ def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, boo
     only = [databases.named(name) for name in options.messages]
     for node in options.nodes:
         only += databases.of_node(node)
-    signals = set()
-    for given in options.signals:
-        owner, _, name = given.rpartition(".")
-        if not owner:
-            raise UserMistake(f"--signal {given}: MESSAGE.SIGNAL is wanted")
-        message = databases.named(owner)
-        signals.add(databases.signal(message, name).name)
-        only.append(message)
+    chosen = signals_of(databases, options.signals)
+    only += [databases.named(message) for message, _ in chosen]
+    signals = {name for _, name in chosen}
     return Decoder(databases, only, signals), not only
 
 

@@ -28,6 +28,7 @@ COMMANDS = {
     "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
     "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
     "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
+    "plot": ("dbw.plot", "Draw signals of a log over time: a picture and a page."),
     "replay": ("dbw.replay", "Play a log once more: as lines, onto a bus, or through a node."),
     "dashboard": ("dbw.dashboard", "Show the car on a web page: watch, drive, brake."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),

@@ -13,6 +13,7 @@ import click
 from canbus.candump import parse_log_line
 from canbus.heard import Heard
 from dbw.failures import UserMistake
+from dbw.options import STANDARD_INPUT
 from runtime.clock import NS_PER_MS, monotonic_ns
 from telemetry.monitor.style import coloured, plain_text
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 1 << 16
 WAIT_NS = 500_000_000
 """How often a silent bus is asked for losses."""
-STANDARD_INPUT = "-"
 
 
 class LineOutput:

@@ -14,6 +14,9 @@ from dbw.failures import UserMistake
 BITRATE_BPS_MAX = 1_000_000
 """Classical CAN's (ISO 11898-1)."""
 
+STANDARD_INPUT = "-"
+"""Name of a log that comes through a pipe."""
+
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 
@@ -164,6 +167,18 @@ def name_options(command: CommandT) -> CommandT:
     )(command)
     return click.option(
         "--message", "messages", multiple=True, metavar="NAME", help="Only these messages."
+    )(command)
+
+
+def signal_option(command: CommandT) -> CommandT:
+    """`--signal`, handed on as `signals`."""
+    return click.option(
+        "-s",
+        "--signal",
+        "signals",
+        multiple=True,
+        metavar="MESSAGE.NAME",
+        help="Only these signals, and messages that carry them.",
     )(command)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -13,6 +12,7 @@ import click
 from dbw.failures import EXIT_OK, UserMistake
 from dbw.monitor import COUNT_MAX, STAMPS, catalogue_of
 from dbw.options import (
+    STANDARD_INPUT,
     WholeNumber,
     bitrate_option,
     bus_options,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from telemetry.logs.frames import FrameColumns
     from telemetry.replay.source import Source
 
-STANDARD_INPUT: Final = "-"
 MAX: Final = "max"
 SPEED_MIN, SPEED_MAX = 0.001, 1000.0
 NS_PER_S: Final = 1_000_000_000
@@ -197,14 +196,13 @@ def _check_combination(options: ReplayOptions) -> None:
 
 def _reader(options: ReplayOptions) -> Callable[[], Iterator[FrameColumns]]:
     """Reads the log from its beginning; what could not be read is told the first time."""
-    from telemetry.logs.reading import Log, LogStream
+    from dbw.decode import open_log
 
     is_told = False
 
     def read() -> Iterator[FrameColumns]:
         nonlocal is_told
-        is_pipe = options.log == STANDARD_INPUT
-        log = LogStream(sys.stdin.fileno()) if is_pipe else Log(options.log)
+        log = open_log(options.log)
         yield from log.between(options.from_s, options.to_s)
         if not is_told:
             for line in log.problems.lines():
@@ -212,7 +210,7 @@ def _reader(options: ReplayOptions) -> Callable[[], Iterator[FrameColumns]]:
         is_told = True
 
     if options.log != STANDARD_INPUT:
-        Log(options.log)  # a file that cannot be opened is told before a bus is
+        open_log(options.log)  # a file that cannot be opened is told before a bus is
         return read
     kept: list[FrameColumns] = []
 

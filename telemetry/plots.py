@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -15,7 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from dbc.messages import Mode
-from telemetry.signals import CODES, NamedSpan, Signals, Span, Staged, Trace
+from telemetry.signals import CODES, CodeSpan, ModeSpan, NamedSpan, Signals, Span, Staged, Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -114,7 +115,7 @@ def plot_path(file: FilePath, picture: PathPicture) -> None:
             bar = figure.colorbar(line, ax=whole, pad=0.01, aspect=12, shrink=0.9)
             bar.set_label("distance from\nplanned line, cm")
             bar.outline.set_visible(False)
-        _save(figure, file)
+        save(figure, file)
 
 
 def _map_height_in(xy_m: FloatArray) -> float:
@@ -212,8 +213,8 @@ def plot_signals(
         _draw_trace(axes[1], signals.speed_mps, 1.0, "speed, m/s")
         _draw_trace(axes[2], signals.brake_ratio, 100.0, "brake servo, %")
         axes[2].set_ylim(-5.0, 105.0)
-        _draw_modes(axes[3], signals)
-        _draw_codes(axes[4], signals)
+        draw_modes(axes[3], signals.modes, signals.end_s)
+        draw_codes(axes[4], signals.codes)
         for axis in axes[:-1]:
             axis.tick_params(labelbottom=False)
         axes[0].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0))
@@ -224,7 +225,7 @@ def plot_signals(
         axes[-1].set_xlabel("time since power-on, s")
         axes[0].set_title(title, loc="left")
         figure.align_ylabels(axes[:5])  # the names of faults are long
-        _save(figure, file)
+        save(figure, file)
 
 
 def _draw_trace(axes: Any, trace: Trace, scale: float, label: str) -> None:
@@ -243,12 +244,13 @@ def _draw_band(axes: Any, span: Span, low: float, height: float, colour: str) ->
     axes.broken_barh([(span.start_s, width_s)], (low, height), facecolors=colour)
 
 
-def _draw_modes(axes: Any, signals: Signals) -> None:
+def draw_modes(axes: Any, modes: Sequence[ModeSpan], width_s: float) -> None:
+    """A row of modes; `width_s` is what the axis spans: short ones are named by a legend."""
     unnamed: dict[Mode, Patch] = {}
-    for span in signals.modes:
+    for span in modes:
         colour = MODE_COLOURS[span.mode]
         _draw_band(axes, span, 0.0, 1.0, colour)
-        if span.end_s - span.start_s >= LABEL_SHARE_MIN * signals.end_s:
+        if span.end_s - span.start_s >= LABEL_SHARE_MIN * width_s:
             middle_s = 0.5 * (span.start_s + span.end_s)
             axes.text(middle_s, 0.48, span.mode.name, ha="center", va="center", fontsize=10)
         else:
@@ -263,10 +265,11 @@ def _draw_modes(axes: Any, signals: Signals) -> None:
     axes.set_ylabel("mode", rotation=0, ha="right", va="center")
 
 
-def _draw_codes(axes: Any, signals: Signals) -> None:
-    for span in signals.codes:
+def draw_codes(axes: Any, codes: Sequence[CodeSpan]) -> None:
+    """A row for each code."""
+    for span in codes:
         _draw_band(axes, span, span.code.value - 0.4, 0.8, VERMILLION)
-    if not signals.codes:
+    if not codes:
         axes.text(
             0.5, 0.5, "no error code", transform=axes.transAxes, ha="center", va="center",
             color=MUTED, fontsize=10,
@@ -296,6 +299,7 @@ def _draw_faults(axes: Any, faults: tuple[NamedSpan, ...]) -> None:
     axes.set_title("faults", loc="left", fontsize=11)
 
 
-def _save(figure: Figure, file: FilePath) -> None:
+def save(figure: Figure, file: FilePath) -> None:
+    """Writes the PNG."""
     FigureCanvasAgg(figure)  # the figure's own reference keeps it
     figure.savefig(file, dpi=DPI, format="png", facecolor="white")

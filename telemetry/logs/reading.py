@@ -41,7 +41,10 @@ class Log:
 
     Attributes:
         problems: What could not be read so far.
+        zero_ns: From where a person counts (`origin_ns`); 0 until frames have been read.
     """
+
+    zero_ns: int = 0
 
     def __init__(self, path: str | Path) -> None:
         """Looks at the beginning of a file; nothing else is read yet.
@@ -85,20 +88,21 @@ class Log:
         return joined(list(self.chunks()))
 
     def between(self, from_s: float, to_s: float) -> Iterator[FrameColumns]:
-        """The chunks' frames of a span of time, in seconds as a person counts them (`origin_ns`).
+        """The chunks' frames of a span of time, in seconds as a person counts them.
 
         Raises:
             LogError: There is something in the log, and none of it a frame.
         """
-        zero_ns: int | None = None
+        is_first = True
         for chunk in self.chunks():
             if not len(chunk):
                 continue
-            if zero_ns is None:
-                zero_ns = origin_ns(int(chunk.time_ns[0]))
-            time_s = (chunk.time_ns - zero_ns) / NS_PER_S
+            if is_first:
+                self.zero_ns = origin_ns(int(chunk.time_ns[0]))
+                is_first = False
+            time_s = (chunk.time_ns - self.zero_ns) / NS_PER_S
             yield chunk.take((time_s >= from_s) & (time_s <= to_s))
-        if zero_ns is None and self.problems.count:
+        if is_first and self.problems.count:
             raise LogError(f"{self.path} is no log: {self.problems.lines()[0]}")
 
     def _gzip_reader(self, file: BinaryIO) -> Callable[[int], bytes]:

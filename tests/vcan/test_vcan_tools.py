@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections import Counter
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,8 +16,15 @@ from canbus.python_can_bus import PythonCanBus
 from dbc.codec import Decoded, decode
 from dbc.messages import SPECS, Mode
 from runtime.clock import monotonic_ns
+from runtime.nodes import NODES, build_node, build_wires
 from runtime.status import listen
-from tests.vcan.stack import Stack, pause
+from telemetry.logs.reading import Log
+from telemetry.replay.comparison import DIFFERENCES, Match
+from telemetry.replay.source import record_of
+from telemetry.replay.through_node import replay_node
+from tests.vcan.bus_log import HARNESS_BUS
+from tests.vcan.stack import VEHICLE, VEHICLE_BUS, Stack, pause
+from vehicles import load_vehicle
 
 RECEIVERS = Path("/proc/net/can/rcvlist_all")
 """Who hears every frame, by interface."""
@@ -76,3 +85,22 @@ def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
     assert all(" ok)" in line or " first)" in line for line in protected)
     assert any("SUPERVISOR_STATE" in line and "mode=AUTOMATIC" in line for line in shown)
 
+
+
+def test_on_their_recorded_inputs_the_nodes_do_what_they_did(tmp_path: Path) -> None:
+    with Stack(tmp_path) as stack:
+        stack.recover()
+        stack.drive()
+        stack.kill("throttle")
+        stack.brakes()
+    record = record_of(Log(stack.log_path).frames(), VEHICLE_BUS, HARNESS_BUS)
+    vehicle = load_vehicle(VEHICLE)
+    for name in ("supervisor", "steering"):
+        outcome = replay_node(
+            NODES[name].node, record, partial(build_node, name, vehicle), partial(build_wires, name)
+        )
+        both = (outcome.vehicle_bus, outcome.harness)
+        counts = sum((count for one in both for count in one.counts.values()), Counter())
+        assert counts.total() > 500
+        assert counts[Match.EQUAL] > 0.9 * counts.total()
+        assert sum(counts[match] for match in DIFFERENCES) < 0.005 * counts.total()
