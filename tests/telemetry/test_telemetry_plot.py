@@ -88,7 +88,8 @@ def test_codes_are_bands_from_any_node_that_tells_them() -> None:
         frame(20 * n, "STEER_DRIVER", loud if 3 <= n < 6 else quiet, n % 15) for n in range(10)
     ]
     codes = plot(*frames, steer(5, 0.0)).codes
-    assert [(span.code, span.start_s, span.end_s) for span in codes] == [(ErrorCode.ER4, 0.06, 0.12)]
+    (span,) = codes
+    assert (span.code, span.start_s, span.end_s) == (ErrorCode.ER4, 0.06, 0.12)
 
 
 def test_a_silence_is_a_gap_and_no_value_is_none() -> None:
