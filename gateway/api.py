@@ -14,10 +14,11 @@ from types import TracebackType
 from typing import Final, Self
 
 from dbc.messages import Request
-from gateway.commands import NS_PER_S, checked, decide
+from gateway.commands import NS_PER_S, Decision, checked, decide
 from gateway.core import PlannerInputs
 from gateway.errors import DisengageFailed, LinkFailed, NotConnected
 from gateway.link import Link
+from gateway.motion_commands import decide_car_command, decide_cmd_vel
 from gateway.procedures import disengage, engage, reset
 from gateway.requests import DRIVING_MODES
 from gateway.state import CarState
@@ -65,8 +66,26 @@ class _Session:
             LinkFailed: The connection broke.
         """
         self._require_open()
-        decision = decide(self.vehicle, speed_mps=speed_mps, curvature_per_m=curvature_per_m)
-        self._link.submit(PlannerInputs(decision=decision, decided_ns=self._link.now_ns()))
+        self._submit(decide(self.vehicle, speed_mps=speed_mps, curvature_per_m=curvature_per_m))
+
+    def cmd_vel(self, *, speed_mps: float, yaw_rate_radps: float) -> None:
+        """A decision as UNICAMP's CmdVel; `decide_cmd_vel` has the ranges. Raises as `command`."""
+        self._require_open()
+        vehicle = self.vehicle
+        self._submit(decide_cmd_vel(vehicle, speed_mps=speed_mps, yaw_rate_radps=yaw_rate_radps))
+
+    def car_command(self, *, left_mps: float, right_mps: float, ackermann_rad: float) -> None:
+        """A decision as UNICAMP's CarCommand: speed of each rear wheel, and the steering's angle.
+
+        The wheels must differ as the electronic differential turns them: `decide_car_command`.
+        Raises as `command`.
+        """
+        self._require_open()
+        self._submit(
+            decide_car_command(
+                self.vehicle, left_mps=left_mps, right_mps=right_mps, ackermann_rad=ackermann_rad
+            )
+        )
 
     def emergency_brake(self) -> None:
         """Brakes as hard as the car can, at once; returns without waiting.
@@ -75,6 +94,9 @@ class _Session:
         """
         self._require_open()
         self._link.submit(PlannerInputs(request=Request.EMERGENCY_STOP))
+
+    def _submit(self, decision: Decision) -> None:
+        self._link.submit(PlannerInputs(decision=decision, decided_ns=self._link.now_ns()))
 
     def _require_open(self) -> None:
         if not self._is_open:

@@ -22,6 +22,14 @@ class WheelAngles:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WheelSpeeds:
+    """Speeds of the two rear wheels over ground; the wheel outside the turn is the faster one."""
+
+    left_mps: float
+    right_mps: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Kinematics:
     """The dimensions that turn speed and curvature into wheel motion; no car is assumed."""
 
@@ -68,9 +76,21 @@ class Kinematics:
         road_wheel_rad = self.road_wheel_angle_rad(curvature_per_m)
         return speed_mps / (math.cos(road_wheel_rad) * self.wheel_radius_m)
 
+    def rear_wheel_speeds_mps(self, speed_mps: float, curvature_per_m: float) -> WheelSpeeds:
+        """Electronic differential: both rear wheels roll about the front ones' centre.
+
+        A centre between the wheels makes the inner one's speed negative: it turns backwards.
+        """
+        half = curvature_per_m * self.track_m / 2.0
+        return WheelSpeeds(left_mps=speed_mps * (1.0 - half), right_mps=speed_mps * (1.0 + half))
+
+    def curvature_of_road_wheel_per_m(self, road_wheel_rad: float) -> float:
+        """Curvature from the angle of the imagined front wheel: Eq. 10 solved for it."""
+        return math.tan(road_wheel_rad) / self.wheelbase_m
+
     def curvature_per_m(self, steering_wheel_angle_rad: float) -> float:
         """Curvature from a steering-wheel angle: Eq. 13 solved for it."""
-        return math.tan(steering_wheel_angle_rad / self.steering_ratio) / self.wheelbase_m
+        return self.curvature_of_road_wheel_per_m(steering_wheel_angle_rad / self.steering_ratio)
 
     def speed_mps(self, steering_wheel_angle_rad: float, wheel_speed_radps: float) -> float:
         """Speed from a steering-wheel angle and a front wheel's speed: Eq. 14 solved for it."""

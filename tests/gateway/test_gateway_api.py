@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -17,7 +18,10 @@ from gateway.errors import (
     NotConnected,
     ResetRefused,
 )
-from tests.gateway.scripted import MS, Rig, RigLink, Sent, named, obedient_supervisor
+from gateway.kinematics import Kinematics
+from tests.gateway.scripted import MS, TABBY, Rig, RigLink, Sent, named, obedient_supervisor
+
+KIN = Kinematics.of(TABBY.geometry, TABBY.steering)
 
 
 def make(react: Any = obedient_supervisor) -> tuple[Car, RigLink, Rig]:
@@ -58,6 +62,8 @@ def test_nothing_is_opened_before_the_with_block() -> None:
     [
         lambda car: car.engage(),
         lambda car: car.command(speed_mps=1.0, curvature_per_m=0.0),
+        lambda car: car.cmd_vel(speed_mps=1.0, yaw_rate_radps=0.0),
+        lambda car: car.car_command(left_mps=1.0, right_mps=1.0, ackermann_rad=0.0),
         lambda car: car.state,
         lambda car: car.ticks(),
         lambda car: car.disengage(),
@@ -110,6 +116,55 @@ def test_wrong_command_raises_at_once_and_sends_nothing(
             car.command(**values)
         assert rig.sent == []
         assert math.isnan(car.state.decision_age_s)
+
+
+def test_cmd_vel_and_car_command_leave_as_one_speed_and_one_angle() -> None:
+    car, link, rig = make()
+    with car:
+        car.engage()
+        wheels = KIN.rear_wheel_speeds_mps(3.0, 0.05)
+        commands: tuple[Callable[[], None], ...] = (
+            lambda: car.command(speed_mps=3.0, curvature_per_m=0.05),
+            lambda: car.cmd_vel(speed_mps=3.0, yaw_rate_radps=0.15),
+            lambda: car.car_command(
+                left_mps=wheels.left_mps,
+                right_mps=wheels.right_mps,
+                ackermann_rad=KIN.road_wheel_angle_rad(0.05),
+            ),
+        )
+        angles, speeds = [], []
+        for command in commands:
+            rig.sent.clear()
+            command()
+            link.wait_until(link.now_ns() + 100_000_000)
+            angles.append(
+                named(rig.sent, "STEER_COMMAND")[0].content.steering_wheel_angle_rad
+            )
+            speeds.append(named(rig.sent, "THROTTLE_COMMAND")[0].content.wheel_speed_radps)
+        assert angles[0] == pytest.approx(KIN.steering_wheel_angle_rad(0.05), abs=0.001)
+        assert angles == [angles[0]] * 3
+        assert speeds == [speeds[0]] * 3
+        link.on_cycle = lambda: rig.mode(Mode.READY)
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda car: car.cmd_vel(speed_mps=0.0, yaw_rate_radps=0.1), CommandError),
+        (lambda car: car.cmd_vel(speed_mps=1.0, yaw_rate_radps="left"), TypeError),
+        (
+            lambda car: car.car_command(left_mps=1.0, right_mps=2.0, ackermann_rad=0.0),
+            CommandError,
+        ),
+    ],
+)
+def test_wrong_cmd_vel_or_car_command_sends_nothing(call: Any, error: type[Exception]) -> None:
+    car, _, rig = make()
+    with car:
+        rig.sent.clear()
+        with pytest.raises(error):
+            call(car)
+        assert rig.sent == []
 
 
 @pytest.mark.parametrize("timeout_s", [-1.0, math.nan, math.inf, 1e9])
