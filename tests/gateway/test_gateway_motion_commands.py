@@ -25,9 +25,8 @@ curvatures = st.floats(-CURVATURE_MAX, CURVATURE_MAX)
 
 def test_the_differential_turns_the_wheels_about_one_centre() -> None:
     # R = 1.6 m, track 0.4 m, 0.4 m/s: 0.25 rad/s x (1.6 -+ 0.2) m
-    assert KIN.rear_wheel_speeds_mps(0.4, 1 / 1.6) == WheelSpeeds(
-        left_mps=pytest.approx(0.35), right_mps=pytest.approx(0.45)
-    )
+    wheels = KIN.rear_wheel_speeds_mps(0.4, 1 / 1.6)
+    assert (wheels.left_mps, wheels.right_mps) == pytest.approx((0.35, 0.45))
     assert KIN.rear_wheel_speeds_mps(0.4, -1 / 1.6).left_mps == pytest.approx(0.45)
     assert KIN.rear_wheel_speeds_mps(0.4, 0.0) == WheelSpeeds(left_mps=0.4, right_mps=0.4)
 
