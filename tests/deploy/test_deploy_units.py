@@ -13,10 +13,12 @@ import click
 import pytest
 
 from canbus.node import PERIOD_NS
+from dbw.failures import EXIT_INTERRUPTED
 from dbw.main import cli
 from runtime.nodes import STOP_ORDER
 from runtime.process_stack import HANG_NS, STANDSTILL_S_MAX, TERMINATE_S_MAX
 from runtime.realtime import POLICIES, RealtimeSettings
+from telemetry.why.freeze import default_folder
 from vehicles import load_vehicle
 
 ROOT = Path(__file__).parents[2]
@@ -82,20 +84,35 @@ def test_the_bus_has_the_vehicles_bitrate_and_comes_back_after_bus_off() -> None
     assert can["RestartSec"] == "100ms" and can["SamplePoint"] == "87.5%"
 
 
+WATCHER = unit("dbw-why.service")["Service"]
+
+
+def test_a_watcher_keeps_freeze_frames_of_the_same_bus_and_stays_out_of_the_nodes_way() -> None:
+    started = options(WATCHER["ExecStart"])
+    assert started["live"] and not started["no_store"] and started["store"] is None
+    assert (started["interface"], started["channel"]) == (STARTED["interface"], STARTED["channel"])
+    name, _, home = WATCHER["Environment"].partition("=")
+    assert default_folder({name: home}).is_relative_to(Path("/var/lib") / WATCHER["StateDirectory"])
+    assert not {*WATCHER["CPUAffinity"].split()} & {*SERVICE["CPUAffinity"].split()}
+    assert WATCHER["User"] == SERVICE["User"]
+    assert int(WATCHER["SuccessExitStatus"]) == EXIT_INTERRUPTED
+
+
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed")
-def test_systemd_understands_the_service(tmp_path: Path) -> None:
-    text = (UNITS / "dbw.service").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["dbw.service", "dbw-why.service"])
+def test_systemd_understands_the_service(tmp_path: Path, name: str) -> None:
+    text = (UNITS / name).read_text(encoding="utf-8")
     text = re.sub(r"ExecStart=\S+", f"ExecStart={shutil.which('true')}", text)
-    file = tmp_path / "dbw.service"
+    file = tmp_path / name
     file.write_text(text.replace("User=dbw", "User=root"), encoding="utf-8")
     done = subprocess.run(
         ["systemd-analyze", "verify", str(file)], capture_output=True, text=True, check=False
     )
-    said = [line for line in done.stderr.splitlines() if "dbw.service" in line]
+    said = [line for line in done.stderr.splitlines() if name in line]
     assert said == []
 
 
-COMMANDS = re.findall(r"(?:^|`)(dbw (?:up|ecu|down|status) -?[^`\n]*)", HARDWARE, re.MULTILINE)
+COMMANDS = re.findall(r"(?:^|`)(dbw (?:up|ecu|down|status|why) -?[^`\n]*)", HARDWARE, re.MULTILINE)
 
 
 @pytest.mark.parametrize("line", COMMANDS)
