@@ -13,15 +13,6 @@ import logging
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
-import canopen
-from canopen.network import PeriodicMessageTask
-from canopen.nmt import NmtSlave
-from canopen.objectdictionary import ObjectDictionary, ODVariable
-from canopen.objectdictionary.eds import import_eds
-from canopen.sdo import constants as sdo
-from canopen.sdo.exceptions import SdoAbortedError
-from canopen.sdo.server import SdoServer
-
 from canbus import canopen_protocol as cia301
 from canbus import canopen_schedule as schedule
 from canbus.canopen_parameters import EdsVariable
@@ -32,6 +23,17 @@ from canbus.canopen_protocol import (
     NmtState,
 )
 from canbus.frame import Frame, FrameKind
+from canbus.hidden import ASAMMDF, hidden
+
+with hidden(ASAMMDF):
+    import canopen
+    from canopen.network import PeriodicMessageTask
+    from canopen.nmt import NmtSlave
+    from canopen.objectdictionary import ObjectDictionary, ODVariable
+    from canopen.objectdictionary.eds import import_eds
+    from canopen.sdo import constants as sdo
+    from canopen.sdo.exceptions import SdoAbortedError
+    from canopen.sdo.server import SdoServer
 
 DOWNLOAD_BYTES_MAX = 64
 """Longest segmented write taken in; nothing writable is longer than four bytes."""

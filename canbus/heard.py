@@ -37,6 +37,7 @@ class Heard(NamedTuple):
         data: Content; empty for a remote frame.
         length: Data length; of a remote frame, the length that it asks for.
         fd_flags: FD_BIT_RATE_SWITCH and FD_ERROR_STATE of a CAN FD frame, else CLASSICAL.
+        is_sent: Whether this computer has sent it.
     """
 
     time_ns: int
@@ -45,6 +46,7 @@ class Heard(NamedTuple):
     data: bytes
     length: int
     fd_flags: int = CLASSICAL
+    is_sent: bool = False
 
     @property
     def can_id(self) -> int:

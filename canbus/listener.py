@@ -163,9 +163,10 @@ class SocketcanListener:
         is_any = channel == ANY
         unpack, unpack_stamp, append = _HEAD.unpack_from, _STAMP.unpack, heard.append
         receive, waits = sock.recvmsg, socket.MSG_DONTWAIT
+        local = socket.MSG_DONTROUTE  # how SocketCAN marks frames of this computer
         try:
             for _ in range(HEAR_FRAMES_MAX):
-                raw, ancillary, _, address = receive(_FD_FRAME_BYTES, _STAMP_BYTES, waits)
+                raw, ancillary, marks, address = receive(_FD_FRAME_BYTES, _STAMP_BYTES, waits)
                 word, length, flags = unpack(raw)
                 if ancillary:
                     seconds, nanoseconds = unpack_stamp(ancillary[0][2])
@@ -176,7 +177,8 @@ class SocketcanListener:
                     channel = address[0]
                 data = b"" if word & REMOTE_FLAG else raw[8 : 8 + length]
                 fd_flags = flags if len(raw) == _FD_FRAME_BYTES else CLASSICAL
-                append(Heard(time_ns, channel, word, data, length, fd_flags))
+                is_sent = marks & local != 0
+                append(Heard(time_ns, channel, word, data, length, fd_flags, is_sent))
         except BlockingIOError:
             return
         except OSError as error:

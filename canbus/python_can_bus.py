@@ -9,8 +9,6 @@ import socket
 from collections.abc import Callable
 from typing import Any, Self
 
-import can
-
 from canbus.bus import ERROR_CLASS_TEXT, BusError, BusStatistics, is_receive_overflow
 from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
 from canbus.heard import (
@@ -22,7 +20,11 @@ from canbus.heard import (
     REMOTE_FLAG,
     Heard,
 )
+from canbus.hidden import ASAMMDF, hidden
 from canbus.socketcan import Arrivals, make_room, read_frame, receive_drops, write_frame
+
+with hidden(ASAMMDF):
+    import can
 
 SOCKETCAN = "socketcan"
 
@@ -349,6 +351,7 @@ def _to_heard(message: can.Message, channel: str, time_ns: int) -> Heard:
         data,
         message.dlc if message.is_remote_frame else len(data),
         fd_flags if message.is_fd else CLASSICAL,
+        not message.is_rx,
     )
 
 

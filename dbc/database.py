@@ -6,8 +6,11 @@ import hashlib
 from functools import cache
 from importlib.resources import files
 
-from cantools.database import load_string
-from cantools.database.can import Database
+from canbus.hidden import ASAMMDF, hidden
+
+with hidden(ASAMMDF):
+    from cantools.database import load_string
+    from cantools.database.can import Database
 
 VEHICLE_DBC = "vehicle.dbc"
 HARNESS_DBC = "harness.dbc"

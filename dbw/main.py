@@ -26,6 +26,8 @@ COMMANDS = {
     "down": ("dbw.stack", "Stop a stack that is up, brakes first."),
     "status": ("dbw.stack", "Tell what is up and what the bus says."),
     "monitor": ("dbw.monitor", "Watch a bus: candump's lines with their meaning, or a screen."),
+    "record": ("dbw.record", "Record a bus: candump, ASC, BLF or MCAP."),
+    "convert": ("dbw.convert", "Convert a log to another format, with what that cannot hold told."),
     "why": ("dbw.why", "Tell why a drive ended, or never began, from a log or live."),
     "decode": ("dbw.decode", "Decode a log: text, CSV or Parquet."),
     "plot": ("dbw.plot", "Draw signals of a log over time: a picture and a page."),

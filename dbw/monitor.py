@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
+from dbw.listening import channels_of, listener_of, sources_of
 from dbw.options import (
     WholeNumber,
     bitrate_option,
@@ -21,12 +22,10 @@ from dbw.options import (
 )
 
 if TYPE_CHECKING:
-    from canbus.listener import Listener
     from telemetry.monitor.known import Catalogue
     from telemetry.monitor.meaning import Interpreter
     from telemetry.monitor.selection import Selection
 
-DEFAULT_CHANNEL: Final = "vcan0"
 COUNT_MAX: Final = 2**63 - 1
 TIMEOUT_MS_MAX: Final = 86_400_000
 STAMPS: Final = ("a", "d", "z", "A", "n")
@@ -115,7 +114,9 @@ Filters, as candump's, in hexadecimal (eight digits for 29-bit identifiers):
     metavar="[MESSAGE.]NAME",
     help="Only these signals, and messages that carry them.",
 )
-@click.option("--log", metavar="FILE|-", help="Read a log of candump -L, - for standard input.")
+@click.option(
+    "--log", metavar="FILE|-", help="Read a log of any format; - is candump's text on stdin."
+)
 @click.option("--live", is_flag=True, help="A screen with a row per message; h shows its keys.")
 def monitor(raw: bool, **given: Any) -> int:
     """Watch a bus: candump's lines with their meaning, or a screen.
@@ -136,13 +137,10 @@ def run_monitor(options: MonitorOptions) -> int:
             shown then.
     """
     from dbw.demo import interrupt_on_sigterm
-    from telemetry.monitor.filters import Source
     from telemetry.monitor.meaning import Interpreter
     from telemetry.monitor.selection import select
 
-    sources = [Source.parse(text) for text in options.buses]
-    if len({source.channel for source in sources}) != len(sources):
-        raise UserMistake("a channel is named twice: name it once, with all its filters")
+    sources = sources_of(options.buses)
     _check_combination(options)
     catalogue = catalogue_of(options.dbc, relaxed=options.relaxed)
     interpreter = Interpreter(catalogue, canopen=options.canopen)
@@ -158,10 +156,10 @@ def run_monitor(options: MonitorOptions) -> int:
             from dbw.monitor_screen import run_screen
 
             return run_screen(
-                listener=listener_of(options, selection),
+                listener=listener_of(options.interface, sources, options.bitrate_bps),
                 interpreter=interpreter,
                 selection=selection,
-                channels=channels_of(selection),
+                channels=channels_of(sources),
                 bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(options.vehicle),
                 with_colours=wants_colours(options.colour),
             )
@@ -195,29 +193,6 @@ def catalogue_of(dbc: Sequence[str], *, relaxed: bool) -> Catalogue:
     for note in databases.notes:
         click.echo(f"dbw: {note}", err=True)
     return Catalogue(databases)
-
-
-def channels_of(selection: Selection) -> list[str]:
-    """The channels to listen to."""
-    return [source.channel for source in selection.sources] or [DEFAULT_CHANNEL]
-
-
-def listener_of(options: MonitorOptions, selection: Selection) -> Listener:
-    """What hears the channels that were asked for."""
-    from canbus.listener import SOCKETCAN, PythonCanListener, SocketcanListener
-    from runtime.clock import monotonic_ns, realtime_ns
-
-    channels = channels_of(selection)
-    if options.interface == SOCKETCAN:
-        classes = [source.error_classes for source in selection.sources]
-        return SocketcanListener(channels, realtime=realtime_ns, error_classes=classes)
-    return PythonCanListener(
-        options.interface,
-        channels,
-        clock=monotonic_ns,
-        realtime=realtime_ns,
-        bitrate=options.bitrate_bps,
-    )
 
 
 def _vehicle_bitrate_bps(vehicle: str) -> int:
@@ -255,6 +230,6 @@ def _write_lines(
     if options.log is not None:
         write_log(output, options.log)
     else:
-        with listener_of(options, selection) as listener:
+        with listener_of(options.interface, selection.sources, options.bitrate_bps) as listener:
             write_bus(output, listener, options.timeout_ms)
     return EXIT_OK

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -15,6 +16,7 @@ from canbus.heard import Heard
 from dbw.failures import UserMistake
 from dbw.options import STANDARD_INPUT
 from runtime.clock import NS_PER_MS, monotonic_ns
+from telemetry.logs.formats import CANDUMP, GZIP, format_of, head_of
 from telemetry.monitor.style import coloured, plain_text
 
 if TYPE_CHECKING:
@@ -80,11 +82,14 @@ def write_bus(output: LineOutput, listener: Listener, timeout_ms: int | None) ->
 
 
 def write_log(output: LineOutput, name: str) -> None:
-    """Writes the frames of a log of `candump -L`; lines that are none are counted and told.
+    """Writes the frames of a log; what of it cannot be read is counted and told.
 
     Raises:
-        UserMistake: The file cannot be read, or not one of its lines is a frame.
+        UserMistake, LogError: The file cannot be read, or not one of its lines is a frame.
     """
+    if name != STANDARD_INPUT and not _is_plain(name):
+        _write_other_log(output, name)
+        return
     number = frames = 0
     wrong: list[int] = []
     with _opened(name) as file:
@@ -106,6 +111,26 @@ def write_log(output: LineOutput, name: str) -> None:
     if wrong:
         many = f"{len(wrong)} lines are no frames, the first is line {wrong[0]}"
         click.echo(f"dbw: {name}: {many}", err=True)
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a log is candump's text, which is shown as soon as the first line is read."""
+    if not Path(name).is_file():
+        return True
+    head = head_of(Path(name))
+    return format_of(head) == CANDUMP and not head.startswith(GZIP)
+
+
+def _write_other_log(output: LineOutput, name: str) -> None:
+    from telemetry.logs.reading import Log
+
+    log = Log(name)
+    for chunk in log.chunks():
+        output.write(frame.heard() for frame in chunk.frames())
+        if output.is_done:
+            return
+    for line in log.problems.lines():
+        click.echo(f"dbw: {name}: {line}", err=True)
 
 
 @contextmanager

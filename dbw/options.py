@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -56,6 +57,22 @@ class Seconds(click.ParamType[float]):
         if math.isnan(time_s):
             self.fail(f"{value!r}: a number of seconds is wanted")
         return time_s
+
+
+THOUSANDS = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9}
+
+
+class ByteSize(click.ParamType[int]):
+    """A number of bytes, as in 500k, 100M or 2G."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The number; fails as click does."""
+        found = re.fullmatch(r"([1-9][0-9]{0,11})([kMG]?)B?", str(value))
+        if found is None:
+            self.fail(f"{value!r}: a number of bytes is wanted, as in 500k, 100M or 2G")
+        return int(found[1]) * THOUSANDS[found[2]]
 
 
 class BusName(click.ParamType[str]):

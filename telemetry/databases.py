@@ -15,12 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from cantools.database import load_string
-from cantools.database.can import Database, Message, Signal
-from cantools.database.errors import Error
-
+from canbus.hidden import ASAMMDF, hidden
 from dbc.database import HARNESS_DBC, VEHICLE_DBC, dbc_text
 from telemetry.dbc_text import keyword, line_of_error, line_of_id, line_of_message, statement_at
+
+with hidden(ASAMMDF):
+    from cantools.database import load_string
+    from cantools.database.can import Database, Message, Signal
+    from cantools.database.errors import Error
 
 __all__ = [
     "Database", "DatabaseError", "Databases", "Message", "Signal", "load_databases", "nearest",

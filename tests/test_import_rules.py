@@ -105,7 +105,7 @@ def test_product_code_never_imports_tests(name: str) -> None:
 @pytest.mark.parametrize("name", sources("dbc"))
 def test_the_dbc_knows_frames_and_nothing_else_of_the_bus(name: str) -> None:
     ours = {module for module in imports(name) if module.startswith("canbus")}
-    assert all(module.startswith("canbus.frame") for module in ours)
+    assert all(module.startswith(("canbus.frame", "canbus.hidden")) for module in ours)
 
 
 @pytest.mark.parametrize("name", ["canbus/frame.py", "canbus/node.py", "canbus/bus.py"])
@@ -170,6 +170,14 @@ def test_the_oracle_shares_nothing_with_the_nodes_but_the_dbc_file(name: str) ->
 def test_python_can_is_imported_for_buses_and_for_logs_in_one_place_each() -> None:
     assert importers("can") - set(sources("bench")) == {
         "canbus/python_can_bus.py", "telemetry/logs/python_can_logs.py",
+        "telemetry/record/python_can_writers.py",
+    }
+
+
+def test_mcap_and_mf4_are_read_and_written_in_one_place_each() -> None:
+    assert importers("mcap") == {"telemetry/logs/mcap_log.py", "telemetry/record/mcap_file.py"}
+    assert importers("asammdf") - set(sources("bench")) == {
+        "telemetry/logs/mf4_log.py", "telemetry/record/mf4_writer.py",
     }
 
 

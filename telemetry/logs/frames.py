@@ -15,6 +15,7 @@ from canbus.heard import (
     CLASSICAL,
     ERROR_FLAG,
     EXTENDED_FLAG,
+    EXTENDED_ID_MAX,
     FD_BIT_RATE_SWITCH,
     FD_ERROR_STATE,
     REMOTE_FLAG,
@@ -31,7 +32,6 @@ RELATIVE_NS_MAX: Final = 86_400 * NS_PER_S
 def origin_ns(first_ns: int) -> int:
     """From where a person counts: the log's own zero, or its first frame in the system's time."""
     return first_ns if first_ns >= RELATIVE_NS_MAX else 0
-
 
 
 class FrameFlag(IntFlag):
@@ -68,7 +68,7 @@ class LogFrame(NamedTuple):
     data: bytes
 
     def heard(self) -> Heard:
-        """The frame as a listener hears it, every flag kept but the direction."""
+        """The frame as a listener hears it, every flag kept."""
         word = self.can_id
         for flag, bit in _WORD_BITS:
             if flag in self.flags:
@@ -77,7 +77,8 @@ class LogFrame(NamedTuple):
         if FrameFlag.FD in self.flags:
             fd_flags = FD_BIT_RATE_SWITCH * (FrameFlag.BITRATE_SWITCH in self.flags)
             fd_flags |= FD_ERROR_STATE * (FrameFlag.ERROR_STATE in self.flags)
-        return Heard(self.time_ns, self.channel, word, self.data, self.length, fd_flags)
+        is_sent = FrameFlag.SENT in self.flags
+        return Heard(self.time_ns, self.channel, word, self.data, self.length, fd_flags, is_sent)
 
     def frame(self) -> Frame:
         """The frame as the bus has it; of several flags the one that says most."""
@@ -92,12 +93,30 @@ _WORD_BITS: Final = (
     (FrameFlag.REMOTE, REMOTE_FLAG),
     (FrameFlag.ERROR, ERROR_FLAG),
 )
+_FD_BITS: Final = (
+    (FrameFlag.BITRATE_SWITCH, FD_BIT_RATE_SWITCH),
+    (FrameFlag.ERROR_STATE, FD_ERROR_STATE),
+)
 _KINDS: Final = (
     (FrameFlag.ERROR, FrameKind.ERROR),
     (FrameFlag.REMOTE, FrameKind.REMOTE),
     (FrameFlag.FD, FrameKind.FD),
     (FrameFlag.EXTENDED, FrameKind.EXTENDED),
 )
+
+
+def flags_of(item: Heard) -> FrameFlag:
+    """What a frame that was heard is, beside its identifier and data."""
+    flags = FrameFlag.SENT if item.is_sent else FrameFlag(0)
+    for flag, bit in _WORD_BITS:
+        if item.word & bit:
+            flags |= flag
+    if item.is_fd:
+        flags |= FrameFlag.FD
+        for flag, bit in _FD_BITS:
+            if item.fd_flags & bit:
+                flags |= flag
+    return flags
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,6 +183,31 @@ def columns_of(
         length=np.array([frame.length for frame in frames], np.uint8),
         data=np.frombuffer(content, np.uint8).reshape(-1, width),
         place=np.array(places, np.int64),
+        channels=channels.names,
+    )
+
+
+def columns_of_heard(frames: Sequence[Heard], channels: ChannelNames) -> FrameColumns:
+    """Frames as they were heard, as columns; places count from 1."""
+    words = np.array([item.word for item in frames], np.uint32)
+    fd_flags = np.array([item.fd_flags for item in frames], np.int64)
+    is_fd = fd_flags != CLASSICAL
+    flags = np.array([item.is_sent for item in frames], np.uint8) * np.uint8(FrameFlag.SENT)
+    for flag, bit in _WORD_BITS:
+        flags |= ((words & np.uint32(bit)) != 0) * np.uint8(flag)
+    for flag, bit in _FD_BITS:
+        flags |= (is_fd & ((fd_flags & bit) != 0)) * np.uint8(flag)
+    flags |= is_fd * np.uint8(FrameFlag.FD)
+    width = FD_BYTES if is_fd.any() else CLASSIC_BYTES
+    content = b"".join([item.data.ljust(width, b"\0") for item in frames])
+    return FrameColumns(
+        time_ns=np.array([item.time_ns for item in frames], np.int64),
+        channel=np.array([channels.place(item.channel) for item in frames], np.uint8),
+        can_id=words & np.uint32(EXTENDED_ID_MAX),
+        flags=flags,
+        length=np.array([item.length for item in frames], np.uint8),
+        data=np.frombuffer(content, np.uint8).reshape(-1, width),
+        place=np.arange(1, len(frames) + 1),
         channels=channels.names,
     )
 

@@ -9,10 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from can import Message
-from can.io import ASCReader, BLFReader, TRCReader
-
 from canbus.candump import NS_PER_US
+from canbus.hidden import ASAMMDF, hidden
 from telemetry.logs.frames import (
     ChannelNames,
     FrameColumns,
@@ -21,6 +19,10 @@ from telemetry.logs.frames import (
     columns_of,
 )
 from telemetry.logs.problems import Problems
+
+with hidden(ASAMMDF):
+    from can import Message
+    from can.io import ASCReader, BLFReader, TRCReader
 
 CHUNK_FRAMES: Final = 10_000
 REMARK_OF_FORMAT: Final = {
@@ -77,9 +79,10 @@ def _messages(path: Path, kind: str) -> Iterator[Message]:
 
 def frame_of(message: Message) -> LogFrame:
     """python-can's message as a frame of a log."""
+    is_remote = message.is_remote_frame and not message.is_fd  # ASC's reader: FD without data
     given: tuple[tuple[Any, FrameFlag], ...] = (
         (message.is_extended_id and not message.is_error_frame, FrameFlag.EXTENDED),
-        (message.is_remote_frame, FrameFlag.REMOTE),
+        (is_remote, FrameFlag.REMOTE),
         (message.is_error_frame, FrameFlag.ERROR),
         (message.is_fd, FrameFlag.FD),
         (message.bitrate_switch, FrameFlag.BITRATE_SWITCH),
@@ -87,12 +90,12 @@ def frame_of(message: Message) -> LogFrame:
         (not message.is_rx, FrameFlag.SENT),
     )
     flags = FrameFlag(sum(flag for is_set, flag in given if is_set))
-    data = b"" if message.is_remote_frame else bytes(message.data)
+    data = b"" if is_remote else bytes(message.data)
     return LogFrame(
         round(message.timestamp * 1e6) * NS_PER_US,
         "" if message.channel is None else str(message.channel),
         message.arbitration_id,
         flags,
-        message.dlc if message.is_remote_frame else len(data),
+        message.dlc if is_remote else len(data),
         data,
     )

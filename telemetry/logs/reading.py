@@ -7,9 +7,10 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, Final, cast
+from typing import BinaryIO, cast
 
 from telemetry.logs.candump import read_candump
+from telemetry.logs.formats import CANDUMP, GZIP, LogError, format_of, head_of
 from telemetry.logs.frames import (
     NS_PER_S,
     ChannelNames,
@@ -20,21 +21,7 @@ from telemetry.logs.frames import (
 )
 from telemetry.logs.problems import Problems
 
-GZIP: Final = b"\x1f\x8b"
-BEGINNINGS: Final = (
-    (b"LOGG", "blf"), (b";$FILEVERSION", "trc"), (b"date ", "asc"), (b"base ", "asc"),
-)  # fmt: skip
-"""What a file of a format begins with; anything else is taken for candump's text."""
-FOREIGN: Final = (
-    (b"\x89MCAP", "an MCAP file"), (b"MDF ", "an MDF (MF4) file"), (b"SQLite format 3", "SQLite"),
-    (b"PK\x03\x04", "a ZIP archive"), (b"\x7fELF", "a program"),
-)  # fmt: skip
-FORMATS: Final = "candump (also .gz), ASC, BLF and TRC"
-
-
-class LogError(ValueError):
-    """A log that cannot be read at all: the file and the reason in one line."""
-
+__all__ = ["Log", "LogError", "LogStream"]
 
 class Log:
     """A log, open for reading once, from its beginning to its end.
@@ -53,26 +40,16 @@ class Log:
             LogError: It cannot be opened, or is of a format that is not known here.
         """
         self.path = Path(path)
-        try:
-            with self.path.open("rb") as file:
-                head = file.read(64)
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-        for beginning, what in FOREIGN:
-            if head.startswith(beginning):
-                raise LogError(f"{path}: {what} cannot be read here: {FORMATS} can")
-        text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-        self.format = next((kind for mark, kind in BEGINNINGS if text.startswith(mark)), "candump")
-        self.problems = Problems("line" if self.format == "candump" else "frame")
+        head = head_of(self.path)
+        self.format = format_of(head)
+        self.problems = Problems("line" if self.format == CANDUMP else "frame")
         self._is_gzip = head.startswith(GZIP)
         self._channels = ChannelNames()
 
     def chunks(self) -> Iterator[FrameColumns]:
         """Frames as columns, some ten thousand at a time."""
-        if self.format != "candump":
-            from telemetry.logs.python_can_logs import read_python_can
-
-            yield from read_python_can(self.path, self.format, self._channels, self.problems)
+        if self.format != CANDUMP:
+            yield from self._chunks_of_library()
             return
         with self.path.open("rb") as file:
             read = self._gzip_reader(file) if self._is_gzip else file.read
@@ -105,6 +82,25 @@ class Log:
         if is_first and self.problems.count:
             raise LogError(f"{self.path} is no log: {self.problems.lines()[0]}")
 
+    def _chunks_of_library(self) -> Iterator[FrameColumns]:
+        try:
+            if self.format == "mcap":
+                from telemetry.logs.mcap_log import read_mcap
+
+                return read_mcap(self.path, self._channels, self.problems)
+            if self.format == "mf4":
+                from telemetry.logs.mf4_log import read_mf4
+
+                return read_mf4(self.path, self._channels, self.problems)
+        except ModuleNotFoundError as error:
+            raise LogError(
+                f"{self.path}: {self.format.upper()} needs {error.name}: "
+                "pip install can-by-wire[logs]"
+            ) from error
+        from telemetry.logs.python_can_logs import read_python_can
+
+        return read_python_can(self.path, self.format, self._channels, self.problems)
+
     def _gzip_reader(self, file: BinaryIO) -> Callable[[int], bytes]:
         unpacked = cast("BinaryIO", gzip.GzipFile(fileobj=file))
 
@@ -124,7 +120,7 @@ class LogStream(Log):
     def __init__(self, descriptor: int) -> None:
         """Takes an open file descriptor; nothing is read yet."""
         self.path = Path("-")
-        self.format = "candump"
+        self.format = CANDUMP
         self.problems = Problems("line")
         self._channels = ChannelNames()
         self._descriptor = descriptor

@@ -118,7 +118,7 @@ def test_every_kind_of_frame_is_heard_whole(
     with listener(wires, "can0") as ears:
         wires.send("can0", raw)
         (heard,) = ears.hear(WAIT_NS)
-    assert heard[1:] == ("can0", word, data, length, fd_flags)
+    assert heard[1:] == ("can0", word, data, length, fd_flags, False)
     assert heard.time_ns > EPOCH_NS // 2 and heard.time_ns != EPOCH_NS  # the kernel's stamp
 
 
@@ -258,7 +258,8 @@ def test_python_cans_frames_keep_every_flag() -> None:
         )  # fmt: skip
         heard = ears.hear(WAIT_NS)
         assert ears.hear(0) == [] and ears.lost == 0 and ears.notes() == []
-    told = [item[1:] for item in heard]
+    told = [item[1:-1] for item in heard]
+    assert not any(item.is_sent for item in heard)
     assert told == [
         ("ears a", 0x123, b"\x01", 1, CLASSICAL),
         ("ears a", 0x123 | REMOTE_FLAG, b"", 8, CLASSICAL),

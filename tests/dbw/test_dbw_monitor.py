@@ -184,7 +184,7 @@ def test_losses_and_failing_channels_are_told_on_stderr(
 ) -> None:
     listener = FakeListener([heard("123#11")], [heard("123#12")])
     listener.lost, listener.said = 7, ["vcan0: gone"]
-    monkeypatch.setattr("dbw.monitor.listener_of", lambda options, selection: listener)
+    monkeypatch.setattr("dbw.monitor.listener_of", lambda *_: listener)
     lines, err = run(capsys, "-n", "2", "can0")
     assert len(lines) == 2
     assert err.splitlines() == [
