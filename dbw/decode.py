@@ -65,8 +65,8 @@ def decode(**given: object) -> int:
     """Decode a log: text on standard output, CSV or Parquet.
 
     LOG is of candump (`-L`, also .gz), ASC, BLF, TRC, MCAP of dbw record, or MF4; - is candump's
-    text on standard input. A frame is a line or a row: nothing is interpolated. Frames that are in no DBC stay, as they are;
-    what could not be read is told on stderr.
+    text on standard input. A frame is a line or a row: nothing is interpolated. Frames that are in
+    no DBC stay, as they are; what could not be read is told on stderr.
     """
     options = DecodeOptions(**given)  # type: ignore[arg-type]
     if options.csv and options.parquet:

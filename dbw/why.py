@@ -88,9 +88,9 @@ def why(
 ) -> int:
     """Tell why a drive ended, or never began.
 
-    LOG: of candump (`-L`, also .gz), ASC, BLF or TRC; `dbw demo` writes one. For each emergency
-    brake, disengagement and refused engagement: the cause, the frame or the absence that shows it,
-    who said so first, what each node did and when, and times against what is allowed.
+    LOG: of candump (`-L`, also .gz), ASC, BLF, TRC, MCAP or MF4; `dbw demo` writes one. For each
+    emergency brake, disengagement and refused engagement: the cause, the frame or the absence that
+    shows it, who said so first, what each node did and when, and times against what is allowed.
 
     Live, each error code that comes up is stored with all frames of the second before and the
     second after.

@@ -46,7 +46,7 @@ def decode_log(
     `verdict`.
 
     Args:
-        path: Log of candump, ASC, BLF or TRC.
+        path: Log of candump, ASC, BLF, TRC, MCAP or MF4.
         dbc: Files as for `telemetry.databases.load_databases`; None: the project's vehicle bus.
         relaxed: Load what can be read of a DBC with errors.
 
