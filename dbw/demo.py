@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from dbw.plan import DrivePlan
     from dbw.virtual_stage import VirtualStage
     from dbw.wall_stage import WallStage
+    from telemetry.bus_log import BusLog
+    from vehicles import Vehicle
 
 NS_PER_MS = 1_000_000
 SEED_MAX = 2**32 - 1
@@ -142,7 +144,6 @@ def run_demo(options: DemoOptions) -> int:
     from dbw.screen import DriveScreen, print_report
     from dbw.stage import DriveFailed
     from runtime.clock import monotonic_ns
-    from telemetry.explain import first_cause
     from telemetry.folder import ResultFolder
 
     plan = plan_of(options)
@@ -174,12 +175,24 @@ def run_demo(options: DemoOptions) -> int:
     print_report(console, report, files)
     if not report.ended_early:
         return EXIT_OK
-    cause = first_cause(stage.log)
-    first = "" if cause is None else f"; first: {cause}"
     codes = f"; codes {' '.join(report.codes)}" if report.codes else ""
     where = f"after {report.distance_m:.1f} m"
-    complain(f"the drive ended early {where}: {report.ended_early}{codes}{first}")
+    why = _why(stage.log, plan.vehicle)
+    complain(f"the drive ended early {where}: {report.ended_early}{codes}{why}")
     return EXIT_FAILED
+
+
+def _why(log: BusLog, vehicle: Vehicle) -> str:
+    """What `dbw why` says of the first thing that went wrong; empty if nothing did."""
+    from telemetry.why.incident import Incident
+    from telemetry.why.watch import Watch
+    from telemetry.why.words import summary
+
+    told = Watch(vehicle).follow(log.frames())
+    incident = next((item for item in told if isinstance(item, Incident)), None)
+    if incident is None:
+        return ""
+    return f"; why: {summary(incident, lambda time_ns: f'{time_ns / 1e9:.3f} s')}"
 
 
 def plan_of(options: DemoOptions) -> DrivePlan:

@@ -140,10 +140,7 @@ def explain_log(log: Path, vehicle: Vehicle, span_s: tuple[float, float], *, as_
     from telemetry.why.watch import ModeChange, Watch
 
     reader, watch = Log(log), Watch(vehicle)
-    told: list[Told] = []
-    for item in reader.frames():
-        told += _kept(watch.take(item.time_ns, item.frame()))
-    told += _kept(watch.finish())
+    told = _kept(watch.follow((item.time_ns, item.frame()) for item in reader.frames()))
     if not watch.frames and reader.problems.count:
         raise UserMistake(f"{log} is no log: {reader.problems.lines()[0]}")
     zero_ns = origin_ns(watch.begin_ns)

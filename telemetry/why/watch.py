@@ -7,7 +7,7 @@ last seconds, and the incidents whose second after has not passed yet.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -143,6 +143,12 @@ class Watch:
             self._refuse(self._attempt)
         while self._pending:
             yield from self._tell(self._pending.popleft())
+
+    def follow(self, frames: Iterable[tuple[int, Frame]]) -> Iterator[Told]:
+        """A whole log, `(time_ns, frame)` each, to its end."""
+        for time_ns, frame in frames:
+            yield from self.take(time_ns, frame)
+        yield from self.finish()
 
     # The frames ------------------------------------------------------------------------------
 

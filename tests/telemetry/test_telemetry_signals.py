@@ -12,22 +12,16 @@ from dbc.codec import encode
 from dbc.endpoint import SPEC_OF_NAME
 from dbc.messages import (
     BrakeStatus,
-    EmergencyBrake,
     ErrorCode,
     Inhibit,
     Mode,
-    MonitorReason,
     NodeState,
-    Reason,
-    SafetyVerdict,
     SteerDriver,
     SteerStatus,
     SupervisorState,
     ThrottleStatus,
-    Verdict,
 )
 from telemetry.bus_log import BusLog
-from telemetry.explain import first_cause
 from telemetry.signals import CodeSpan, ModeSpan, messages_of, read_signals
 from vehicles import load_vehicle
 
@@ -52,16 +46,6 @@ def supervisor(mode: Mode, **codes: bool) -> Frame:
         **{**NO_CODES, **codes},
     )
     return frame("SUPERVISOR_STATE", state)
-
-
-def verdict(value: Verdict, reason: MonitorReason, share: int = 0, can_id: int = 0) -> Frame:
-    message = SafetyVerdict(verdict=value, reason=reason, identifier=can_id, value=share)
-    return frame("SAFETY_VERDICT", message)
-
-
-def brake(name: str, code: ErrorCode, reason: Reason, age_ms: int) -> Frame:
-    message = EmergencyBrake(code=code, reason=reason, cause_age_ms=age_ms, reset_epoch=0)
-    return frame(f"{name}_EMERGENCY_BRAKE", message)
 
 
 def test_modes_become_spans_without_gaps() -> None:
@@ -133,41 +117,3 @@ def test_corrupt_frames_are_left_out() -> None:
     log.add(0, good)
     log.add(1, Frame(good.can_id, bytes([good.data[0] ^ 1, *good.data[1:]])))
     assert len(list(messages_of(log, "SUPERVISOR_STATE"))) == 1
-
-
-def test_first_cause_is_the_one_seen_first_not_the_frame_sent_first() -> None:
-    log = BusLog()
-    log.add(100 * MS, brake("THROTTLE", ErrorCode.ER2, Reason.NODE_SILENT, age_ms=2))
-    log.add(101 * MS, brake("STEER", ErrorCode.ER6, Reason.SENSOR_OUT_OF_BOUNDS, age_ms=9))
-    cause = first_cause(log)
-    assert cause is not None
-    assert cause.node == "Steering" and cause.time_s == pytest.approx(0.092)
-    assert str(cause) == "Steering at 0.092 s: a sensor was out of bounds (ER6)"
-
-
-def test_followers_are_never_the_first_cause_while_there_is_another() -> None:
-    log = BusLog()
-    log.add(100 * MS, verdict(Verdict.BRAKE, MonitorReason.SPEED, share=1070))
-    log.add(100 * MS, brake("SUPERVISOR", ErrorCode.ER1, Reason.VERDICT_BRAKE, age_ms=5))
-    cause = first_cause(log)
-    assert cause is not None and cause.node == "SafetyMonitor"
-    assert "the speed is above the envelope (1.07 of the limit)" in cause.text
-
-
-def test_verdicts_that_name_a_frame_say_which() -> None:
-    log = BusLog()
-    log.add(0, verdict(Verdict.BRAKE, MonitorReason.FRAME_MISSING, can_id=0x183))
-    log.add(5, verdict(Verdict.BRAKE, MonitorReason.MODE_RULE))
-    cause = first_cause(log)
-    assert cause is not None and cause.text == "a frame is missing (THROTTLE_STATUS 0x183)"
-    later = first_cause(log, from_s=4e-9)
-    assert later is not None and "against the rules" in later.text
-
-
-def test_failsafe_frame_is_a_cause_and_permission_is_none() -> None:
-    log = BusLog()
-    log.add(0, verdict(Verdict.PERMIT, MonitorReason.NONE))
-    assert first_cause(log) is None
-    log.add(7 * MS, Frame(0x001))
-    cause = first_cause(log)
-    assert cause is not None and cause.node == "somebody" and "FAILSAFE" in cause.text

@@ -46,9 +46,7 @@ def _future(scenario: Scenario, log: BusLog, faults: Iterable[Fault], for_s: flo
 
 def told_of(frames: Iterable[tuple[int, Frame]]) -> list[Told]:
     """Everything that a watch tells of these frames."""
-    watch = Watch(VEHICLE)
-    told = [item for time_ns, frame in frames for item in watch.take(time_ns, frame)]
-    return [*told, *watch.finish()]
+    return list(Watch(VEHICLE).follow(frames))
 
 
 def incidents_of(frames: Iterable[tuple[int, Frame]]) -> list[Incident]:
