@@ -15,7 +15,7 @@ from canbus.canopen_protocol import (
     NmtCommand,
     NmtState,
     SdoAbort,
-    SdoReader,
+    SdoClient,
     heartbeat_state,
     nmt_frame,
 )
@@ -27,7 +27,7 @@ __all__ = [
     "NmtCommand",
     "NmtState",
     "SdoAbort",
-    "SdoReader",
+    "SdoClient",
     "heartbeat_state",
     "nmt_frame",
 ]

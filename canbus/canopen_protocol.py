@@ -52,7 +52,10 @@ HEARTBEAT_UNIT_NS: Final = 1_000_000
 
 _MULTIPLEXER: Final = struct.Struct("<BHB")
 _ABORT: Final = struct.Struct("<BHBL")
+_REQUEST_UPLOAD: Final = 0x40
+_REQUEST_DOWNLOAD: Final = 0x23  # expedited, size given
 _RESPONSE_UPLOAD: Final = 0x40
+_RESPONSE_DOWNLOAD: Final = 0x60
 _RESPONSE_ABORT: Final = 0x80
 _EXPEDITED: Final = 0x02
 _SIZE_GIVEN: Final = 0x01
@@ -138,14 +141,17 @@ class _Pending:
     """The request a node has not answered yet."""
 
     key: SdoKey
+    data: bytes
+    written: int | None
     deadline_ns: int
     attempts_left: int
 
 
-class SdoReader:
-    """Reads objects of up to four bytes from other nodes, one at a time per node, never blocking.
+class SdoClient:
+    """Reads and writes objects of up to four bytes, one at a time per node, never blocking.
 
-    An answer lands in `results`: the value as an unsigned little-endian number, or an `SdoAbort`.
+    An answer lands in `results`: the value as an unsigned little-endian number (of a write: what
+    was written), or an `SdoAbort`.
     A request that stays unanswered for `timeout_ns` is sent again, `attempts` times in all, then
     reported as `SdoAbort(0x05040000)`. Objects longer than four bytes are aborted towards the
     server and reported as `SdoAbort(0x05040001)`: this client has no segmented transfer.
@@ -169,18 +175,31 @@ class SdoReader:
         self._timeout_ns = timeout_ns
         self._attempts = attempts
         self._pending: dict[int, _Pending] = {}
-        self._queues: dict[int, deque[SdoKey]] = {}
+        self._queues: dict[int, deque[_Pending]] = {}
 
     def request(self, node_id: int, index: int, subindex: int) -> None:
         """Ask `node_id` for one object; a question already under way is not asked twice."""
+        data = _MULTIPLEXER.pack(_REQUEST_UPLOAD, index, subindex) + bytes(4)
+        self._add(_Pending((node_id, index, subindex), data, None, 0, self._attempts))
+
+    def write(self, node_id: int, index: int, subindex: int, value: int, byte_count: int) -> None:
+        """Write an object of 1 to 4 bytes, after all that was asked of the node before."""
+        assert 1 <= byte_count <= 4, f"{byte_count} bytes"
+        command = _REQUEST_DOWNLOAD | 4 - byte_count << 2
+        body = value.to_bytes(byte_count, "little", signed=value < 0).ljust(4, b"\0")
+        data = _MULTIPLEXER.pack(command, index, subindex) + body
+        self._add(_Pending((node_id, index, subindex), data, value, 0, self._attempts))
+
+    def _add(self, wanted: _Pending) -> None:
+        node_id, index, subindex = wanted.key
         assert 1 <= node_id <= NODE_ID_MAX, f"node id {node_id}"
         assert 0 <= index <= 0xFFFF and 0 <= subindex <= 0xFF, f"{index:#x}:{subindex:#x}"
-        key = (node_id, index, subindex)
-        self.results.pop(key, None)
-        pending = self._pending.get(node_id)
+        self.results.pop(wanted.key, None)
         queue = self._queues.setdefault(node_id, deque())
-        if (pending is None or pending.key != key) and key not in queue:
-            queue.append(key)
+        pending = self._pending.get(node_id)
+        under_way = [other.data for other in queue] + ([pending.data] if pending else [])
+        if wanted.data not in under_way:
+            queue.append(wanted)
 
     @property
     def busy(self) -> bool:
@@ -200,17 +219,14 @@ class SdoReader:
                 self._timed_out(pending, now_ns, frames)
         for node_id, queue in self._queues.items():
             if queue and node_id not in self._pending:
-                pending = _Pending(queue.popleft(), 0, self._attempts)
-                self._pending[node_id] = pending
+                pending = self._pending[node_id] = queue.popleft()
                 self._ask(pending, now_ns, frames)
         return frames
 
     def _ask(self, pending: _Pending, now_ns: int, frames: list[Frame]) -> None:
-        node_id, index, subindex = pending.key
         pending.deadline_ns = now_ns + self._timeout_ns
         pending.attempts_left -= 1
-        data = _MULTIPLEXER.pack(0x40, index, subindex) + bytes(4)
-        frames.append(Frame(SDO_REQUEST_ID + node_id, data))
+        frames.append(Frame(SDO_REQUEST_ID + pending.key[0], pending.data))
 
     def _timed_out(self, pending: _Pending, now_ns: int, frames: list[Frame]) -> None:
         if pending.attempts_left:
@@ -228,6 +244,11 @@ class SdoReader:
             return  # a late answer to an earlier question, or to another client
         if command == _RESPONSE_ABORT:
             self._finish(pending, SdoAbort(_ABORT.unpack(frame.data)[3]))
+        elif pending.written is not None:
+            if command == _RESPONSE_DOWNLOAD:
+                self._finish(pending, pending.written)
+            else:
+                self.bad_frames += 1
         elif command & 0xE0 != _RESPONSE_UPLOAD:
             self.bad_frames += 1
         elif command & _EXPEDITED:

@@ -9,7 +9,7 @@ from typing import Final
 from canbus.canopen_protocol import (
     CONFIGURATION,
     NmtCommand,
-    SdoReader,
+    SdoClient,
     nmt_frame,
 )
 from canbus.frame import Frame, ReceivedFrame
@@ -120,7 +120,7 @@ class Nodes:
     def __init__(self, endpoint: Endpoint, hashes: dict[int, int]) -> None:
         self._endpoint = endpoint
         self._hashes = hashes
-        self._reader = SdoReader()
+        self._reader = SdoClient()
         self.watches = {name: NodeWatch(name) for name in OTHERS}
         self._signs_of_life = {
             name: [endpoint.subscription(frame) for frame in frames]

@@ -13,7 +13,7 @@ from canbus.canopen_protocol import (
     NmtCommand,
     NmtState,
     SdoAbort,
-    SdoReader,
+    SdoClient,
     heartbeat_state,
     nmt_frame,
 )
@@ -83,7 +83,7 @@ def test_what_is_no_heartbeat_tells_nothing(frame: Frame) -> None:
 
 
 def test_reader_gets_values_from_a_node() -> None:
-    node, reader = gateway(), SdoReader()
+    node, reader = gateway(), SdoClient()
     node.step(0)
     keys = [(6, 0x2000, 1), (6, 0x2000, 2), (6, 0x2100, 1), (6, 0x1018, 2)]
     for key in keys:
@@ -95,8 +95,49 @@ def test_reader_gets_values_from_a_node() -> None:
     assert not reader.busy
 
 
+def test_client_writes_in_order_and_reports_what_was_written_or_refused() -> None:
+    node, client = gateway(), SdoClient()
+    node.step(0)
+    node.writable = True
+    for value in (100, 200):
+        client.write(6, 0x1017, 0, value, 2)
+        client.write(6, 0x1017, 0, value, 2)  # under way already
+    sent: list[str] = []
+    frames: list[Frame] = []
+    for step in range(1, 6):
+        asked = client.step(step * MS, frames)
+        sent += [frame.data.hex() for frame in asked]
+        frames = node.step(step * MS, asked)
+    assert sent == ["2b17100064000000", "2b171000c8000000"]
+    assert client.results == {(6, 0x1017, 0): 200}
+    assert node.number(0x1017) == 200
+    node.writable = False
+    client.write(6, 0x1017, 0, 50, 2)
+    client.step(8 * MS, node.step(7 * MS, client.step(7 * MS)))
+    assert client.results == {(6, 0x1017, 0): SdoAbort(0x08000022)}
+    assert node.number(0x1017) == 200
+
+
+@pytest.mark.parametrize(
+    ("value", "byte_count", "data"),
+    [
+        (5, 1, "2f00600005000000"),
+        (-2, 2, "2b006000feff0000"),
+        (0x123456, 3, "2700600056341200"),
+        (-1, 4, "23006000ffffffff"),
+    ],
+)
+def test_a_write_says_its_length(value: int, byte_count: int, data: str) -> None:
+    client = SdoClient()
+    client.write(0x11, 0x6000, 0, value, byte_count)
+    assert client.step(0) == [Frame(0x611, bytes.fromhex(data))]
+    client.step(1, [Frame(0x591, bytes.fromhex("4b00600000000000"))])  # an answer to a reading
+    assert client.bad_frames == 1
+    assert client.busy
+
+
 def test_reader_reports_the_servers_abort() -> None:
-    node, reader = gateway(), SdoReader()
+    node, reader = gateway(), SdoClient()
     node.step(0)
     reader.request(6, 0x3000, 0)
     reader.step(2, node.step(1, reader.step(1)))
@@ -104,7 +145,7 @@ def test_reader_reports_the_servers_abort() -> None:
 
 
 def test_reader_gives_up_what_does_not_fit_into_one_frame_and_tells_the_server() -> None:
-    node, reader = gateway(), SdoReader()
+    node, reader = gateway(), SdoClient()
     node.step(0)
     reader.request(6, 0x1008, 0)
     abort = reader.step(2, node.step(1, reader.step(1)))
@@ -114,7 +155,7 @@ def test_reader_gives_up_what_does_not_fit_into_one_frame_and_tells_the_server()
 
 
 def test_reader_asks_one_node_one_question_at_a_time_and_all_nodes_at_once() -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     for node_id in (2, 3):
         for subindex in (1, 2):
             reader.request(node_id, 0x2000, subindex)
@@ -129,7 +170,7 @@ def test_reader_asks_one_node_one_question_at_a_time_and_all_nodes_at_once() -> 
 
 
 def test_reader_repeats_an_unanswered_question_and_then_reports_the_time_out() -> None:
-    reader = SdoReader(timeout_ns=200 * MS, attempts=3)
+    reader = SdoClient(timeout_ns=200 * MS, attempts=3)
     reader.request(2, 0x2000, 1)
     sent = [now for now in range(0, 1000, 10) if reader.step(now * MS)]
     assert sent == [0, 200, 400]
@@ -138,7 +179,7 @@ def test_reader_repeats_an_unanswered_question_and_then_reports_the_time_out() -
 
 
 def test_silent_node_does_not_hold_up_its_next_question() -> None:
-    reader = SdoReader(timeout_ns=200 * MS, attempts=1)
+    reader = SdoClient(timeout_ns=200 * MS, attempts=1)
     reader.request(2, 0x2000, 1)
     reader.request(2, 0x2000, 2)
     sent = [now for now in range(0, 1000, 10) if reader.step(now * MS)]
@@ -147,7 +188,7 @@ def test_silent_node_does_not_hold_up_its_next_question() -> None:
 
 
 def test_late_and_repeated_answers_are_not_taken_for_the_next_one() -> None:
-    reader = SdoReader(timeout_ns=200 * MS)
+    reader = SdoClient(timeout_ns=200 * MS)
     reader.request(2, 0x2000, 1)
     reader.request(2, 0x2000, 2)
     reader.step(0)
@@ -172,7 +213,7 @@ def test_late_and_repeated_answers_are_not_taken_for_the_next_one() -> None:
     ],
 )
 def test_only_the_bytes_that_count_are_taken(answer: str, value: int) -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     reader.request(2, 0x2000, 1)
     reader.step(0)
     reader.step(1, [reply(answer)])
@@ -191,7 +232,7 @@ def test_only_the_bytes_that_count_are_taken(answer: str, value: int) -> None:
     ids=str,
 )
 def test_malformed_answers_are_counted_and_waited_past(frame: Frame) -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     reader.request(2, 0x2000, 1)
     reader.step(0)
     reader.step(1, [frame])
@@ -201,7 +242,7 @@ def test_malformed_answers_are_counted_and_waited_past(frame: Frame) -> None:
 
 
 def test_answers_of_nodes_that_were_not_asked_are_ignored() -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     reader.request(2, 0x2000, 1)
     reader.step(0)
     reader.step(1, [reply("43 00 20 01 05 00 00 00", node_id=3), Frame(0x123, bytes(8))])
@@ -210,7 +251,7 @@ def test_answers_of_nodes_that_were_not_asked_are_ignored() -> None:
 
 
 def test_asking_again_forgets_the_old_answer_and_asks_once() -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     for _ in range(3):
         reader.request(2, 0x2000, 1)
     assert len(reader.step(0)) == 1
@@ -226,7 +267,7 @@ def test_asking_again_forgets_the_old_answer_and_asks_once() -> None:
 @DETERMINISTIC
 @given(frames=st.lists(st.builds(Frame, st.integers(0x580, 0x5FF), st.binary(max_size=8))))
 def test_no_answer_raises(frames: list[Frame]) -> None:
-    reader = SdoReader()
+    reader = SdoClient()
     for node_id in range(1, 128):
         reader.request(node_id, 0, 0)
     reader.step(0)
@@ -236,4 +277,4 @@ def test_no_answer_raises(frames: list[Frame]) -> None:
 @pytest.mark.parametrize(("timeout_ns", "attempts"), [(0, 1), (-1, 1), (1, 0)])
 def test_impossible_timeouts_are_refused(timeout_ns: int, attempts: int) -> None:
     with pytest.raises(ValueError, match="timeout"):
-        SdoReader(timeout_ns=timeout_ns, attempts=attempts)
+        SdoClient(timeout_ns=timeout_ns, attempts=attempts)

@@ -134,6 +134,7 @@ def test_a_reset_needs_the_cause_gone_and_a_rising_edge(fault: DriveFault) -> No
     states = []
     rig.command(FAULT_RESET)  # the cause is still there
     states.append(rig.state)
+    assert len(list(rig.emergencies())) == 1
     rig.drive.mend(fault)
     rig.command(FAULT_RESET)  # no edge
     states.append(rig.state)

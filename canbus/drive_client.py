@@ -1,0 +1,262 @@
+"""A master of one CiA 402 drive that never waits: it may be used inside a node's `step`.
+
+Settings go by SDO when the drive announces itself, everything else by PDO: RPDO 1 or 2 out every
+step, TPDO 1 and 2 in. The mappings are those of `dbc/eds/drive.eds`. NMT is not its business: the
+supervisor is the only NMT master.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final
+
+from canbus import canopen_protocol as cia301
+from canbus import cia402
+from canbus.canopen_protocol import NmtState, SdoAbort, SdoClient
+from canbus.cia402 import OperationMode
+from canbus.cia402_power import FAULTED, PowerState, state_of
+from canbus.frame import Frame, FrameKind, ReceivedFrame
+
+SILENCE_NS: Final = 60_000_000
+"""A drive that was heard and is not for so long is lost: three of its slowest PDO."""
+
+RESET_NS: Final = 100_000_000
+"""Time that a drive is given to leave FAULT after a reset."""
+
+_EMCY_ID: Final = 0x080
+_POSITION_PDO_ID: Final = 0x180
+_VELOCITY_PDO_ID: Final = 0x280
+_COMMAND_PDO_ID: Final = {
+    OperationMode.PROFILE_POSITION: 0x200,
+    OperationMode.PROFILE_VELOCITY: 0x300,
+}
+_COMMAND: Final = struct.Struct("<Hi")
+_POSITION: Final = struct.Struct("<Hib")
+_VELOCITY: Final = struct.Struct("<Hih")
+_EMERGENCY: Final = struct.Struct("<H6x")
+_NEVER_NS: Final = -(1 << 62)
+
+SHUTDOWN: Final = 0x06
+SWITCH_ON: Final = 0x07
+ENABLE: Final = 0x0F
+QUICK_STOP: Final = 0x02
+DISABLE_VOLTAGE: Final = 0x00
+FAULT_RESET: Final = 0x80
+
+
+class DriveWish(Enum):
+    """What the drive is for in this step."""
+
+    RELEASE = auto()  # no power: the motor coasts
+    STOP = auto()  # quick stop
+    FOLLOW = auto()  # follow the target, switched on first if need be
+
+
+class DriveTrouble(Enum):
+    """Why a drive is not to be used; the first one stays until `reset`."""
+
+    SILENT = "silent"
+    RESTARTED = "restarted"
+    FAULT = "fault"
+    REFUSED = "a setting refused"
+
+
+_S, _W = PowerState, DriveWish
+CONTROLWORD: Final[dict[DriveWish, dict[PowerState, int]]] = {
+    _W.RELEASE: dict.fromkeys(PowerState, DISABLE_VOLTAGE),
+    _W.STOP: dict.fromkeys(PowerState, QUICK_STOP),
+    _W.FOLLOW: {
+        _S.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+        _S.SWITCH_ON_DISABLED: SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: SWITCH_ON,
+        _S.SWITCHED_ON: ENABLE,
+        _S.OPERATION_ENABLED: ENABLE,
+        _S.QUICK_STOP_ACTIVE: ENABLE,
+        _S.FAULT_REACTION_ACTIVE: DISABLE_VOLTAGE,
+        _S.FAULT: DISABLE_VOLTAGE,
+    },
+}
+assert all(set(row) == set(PowerState) for row in CONTROLWORD.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """One object to write before the drive is used."""
+
+    key: int
+    """Index and sub-index in one."""
+    value: int
+    byte_count: int
+
+
+class DriveClient:
+    """One drive as a node sees it.
+
+    Args:
+        node_id: of the drive.
+        mode: profile position (targets in encoder units) or profile velocity (rpm).
+        settings: written in this order whenever the drive announces itself; the mode comes last.
+
+    Attributes:
+        acceptance: identifiers it must be given; others are ignored.
+        state: what the newest statusword tells; None before the first.
+        position: newest, in encoder units.
+        velocity_rpm: newest.
+        error_code: of the newest emergency that was no reset; 0 without.
+        trouble: why it is not used, or None.
+        bad_frames: malformed frames of the drive.
+
+    Raises:
+        ValueError: a mode that has no target, or no drive's node id.
+    """
+
+    def __init__(
+        self, node_id: int, mode: OperationMode, settings: Sequence[Setting] = ()
+    ) -> None:
+        if mode not in _COMMAND_PDO_ID:
+            raise ValueError(f"mode {mode.name}: a drive follows a position or a velocity")
+        if not cia402.DRIVE_NODE_ID_MIN <= node_id <= cia301.NODE_ID_MAX:
+            raise ValueError(
+                f"drive {node_id}: allowed {cia402.DRIVE_NODE_ID_MIN} to {cia301.NODE_ID_MAX}"
+            )
+        self.node_id = node_id
+        self.mode = mode
+        ids = (_EMCY_ID, _POSITION_PDO_ID, _VELOCITY_PDO_ID, cia301.SDO_RESPONSE_ID)
+        self.acceptance = frozenset(base + node_id for base in (*ids, cia301.HEARTBEAT_ID))
+        self.state: PowerState | None = None
+        self.position = 0
+        self.velocity_rpm = 0
+        self.error_code = 0
+        self.trouble: DriveTrouble | None = None
+        self.bad_frames = 0
+        self._settings = [*settings, Setting(key=cia402.MODE, value=mode, byte_count=1)]
+        self._sdo = SdoClient()
+        self._is_asked = False
+        self._is_configured = False
+        self._mode_shown = OperationMode.NONE.value
+        self._position_ns = self._velocity_ns = _NEVER_NS
+        self._reset_until_ns = _NEVER_NS
+        self._resets = False
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether FOLLOW is obeyed: set up, heard, in its mode, and nothing wrong."""
+        return (
+            self.trouble is None
+            and self._is_configured
+            and self._mode_shown == self.mode
+            and min(self._position_ns, self._velocity_ns) != _NEVER_NS
+        )
+
+    @property
+    def is_following(self) -> bool:
+        """Whether the drive moves by our target."""
+        return self.is_ready and self.state is PowerState.OPERATION_ENABLED
+
+    def reset(self, now_ns: int) -> None:
+        """Forgets the trouble and resets the drive's fault once; what is still wrong comes back."""
+        self.trouble = None
+        self.error_code = 0
+        self._resets = True
+        self._reset_until_ns = now_ns + RESET_NS
+        if not self._is_configured:
+            self._is_asked = False
+        if self._position_ns != _NEVER_NS:  # silence is counted anew
+            self._position_ns = self._velocity_ns = now_ns
+
+    def step(
+        self, now_ns: int, received: Sequence[ReceivedFrame], wish: DriveWish, target: int = 0
+    ) -> list[Frame]:
+        """Takes in the drive's frames and answers with those to send now.
+
+        Args:
+            now_ns: time of this step.
+            received: frames since the last one.
+            wish: FOLLOW becomes STOP while the drive is not ready.
+            target: encoder units or rpm; of no effect unless the drive follows.
+        """
+        answers: list[Frame] = []
+        for item in received:
+            if item.frame.can_id in self.acceptance:
+                self._take(item, answers)
+        frames = self._configure(now_ns, answers)
+        self._judge(now_ns)
+        if self._position_ns != _NEVER_NS:  # NMT started it: it hears PDO
+            frames += self._command(wish, target)
+        return frames
+
+    def _take(self, item: ReceivedFrame, answers: list[Frame]) -> None:
+        frame = item.frame
+        base, data = frame.can_id - self.node_id, frame.data
+        try:
+            if frame.kind is not FrameKind.DATA:
+                self.bad_frames += 1
+            elif base == _POSITION_PDO_ID:
+                word, self.position, self._mode_shown = _POSITION.unpack(data)
+                self.state, self._position_ns = state_of(word), item.arrival_ns
+            elif base == _VELOCITY_PDO_ID:
+                word, self.velocity_rpm, _ = _VELOCITY.unpack(data)
+                self.state, self._velocity_ns = state_of(word), item.arrival_ns
+            elif base == _EMCY_ID:
+                (code,) = _EMERGENCY.unpack(data)
+                self.error_code = code or self.error_code
+            elif base == cia301.HEARTBEAT_ID:
+                self._take_heartbeat(frame)
+            else:
+                answers.append(frame)
+        except struct.error:
+            self.bad_frames += 1
+
+    def _take_heartbeat(self, frame: Frame) -> None:
+        state = cia301.heartbeat_state(frame)
+        if state is NmtState.INITIALISING:  # it has forgotten everything
+            if self._is_configured:
+                self._note(DriveTrouble.RESTARTED)
+            self._is_asked = self._is_configured = False
+        elif state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL) and not self._is_asked:
+            self._is_asked = True
+            for setting in self._settings:
+                index, subindex = setting.key >> 8, setting.key & 0xFF
+                self._sdo.write(self.node_id, index, subindex, setting.value, setting.byte_count)
+
+    def _configure(self, now_ns: int, answers: Sequence[Frame]) -> list[Frame]:
+        frames = self._sdo.step(now_ns, answers)
+        if self._is_asked and not self._is_configured and not self._sdo.busy:
+            results = self._sdo.results.values()
+            if any(isinstance(result, SdoAbort) for result in results):
+                self._note(DriveTrouble.REFUSED)
+            else:
+                self._is_configured = True
+        return frames
+
+    def _judge(self, now_ns: int) -> None:
+        is_resetting = now_ns < self._reset_until_ns
+        self._resets = self._resets and is_resetting  # or it would reset a later fault
+        if (self.state in FAULTED or self.error_code) and not is_resetting:
+            self._note(DriveTrouble.FAULT)
+        for heard_ns in (self._position_ns, self._velocity_ns):
+            if heard_ns != _NEVER_NS and now_ns - heard_ns > SILENCE_NS:
+                self._note(DriveTrouble.SILENT)
+
+    def _note(self, trouble: DriveTrouble) -> None:
+        self.trouble = self.trouble or trouble
+
+    def _command(self, wish: DriveWish, target: int) -> list[Frame]:
+        if wish is DriveWish.FOLLOW and not self.is_ready:
+            wish = DriveWish.STOP
+        word = DISABLE_VOLTAGE if self.state is None else CONTROLWORD[wish][self.state]
+        if self._resets and self.state is PowerState.FAULT:
+            word, self._resets = FAULT_RESET, False
+        is_following = wish is DriveWish.FOLLOW and self.state is PowerState.OPERATION_ENABLED
+        if self.mode is OperationMode.PROFILE_VELOCITY:
+            return [self._frame(word, target if is_following else 0)]
+        if not is_following:
+            return [self._frame(word, self.position)]
+        handing_over = word | cia402.NEW_SETPOINT | cia402.CHANGE_AT_ONCE
+        return [self._frame(handing_over, target), self._frame(word, target)]
+
+    def _frame(self, word: int, target: int) -> Frame:
+        return Frame(_COMMAND_PDO_ID[self.mode] + self.node_id, _COMMAND.pack(word, target))
