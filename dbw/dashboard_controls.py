@@ -25,13 +25,15 @@ from planner.speed_plan import LATERAL_ACCELERATION_MPS2, SPEED_MPS_MAX
 from runtime.clock import NS_PER_S, monotonic_ns, realtime_ns
 from runtime.harness import HANDS_OFF, harness_frame
 from runtime.in_process import BUTTON_S
-from telemetry.dashboard.control import NO_WISH, Action, Limits, Refused, Wish
+from telemetry.dashboard.control import DEAD_MAN_NS, NO_WISH, Action, Limits, Refused, Wish
 from vehicles import Vehicle
 
 HANDS_NM_MAX: Final = 10.0
 """Of the page's hands on the steering wheel: more than any vehicle takes for a driver's."""
 JERK_SHARE: Final = 0.5
 """Of the monitor's limit of lateral jerk that steering by the page uses."""
+ABANDONED_NS: Final = 2 * DEAD_MAN_NS
+"""A wish that the dashboard has neither repeated nor let go for so long: its dead-man is dead."""
 SPEED_MPS_MIN: Final = 1.0
 """Below, the curvature may change as fast as at this speed."""
 
@@ -117,7 +119,7 @@ class CarControls:
     def hold(self, wish: Wish) -> None:
         """The wish in force: pedals and hands at once, speed and curvature at the next decision."""
         if self._driver is not None:
-            self._driver.wish = wish
+            self._driver.hold(wish, monotonic_ns())
         if self._harness_channel is not None:
             self._change_hands(
                 throttle_pedal_ratio=wish.throttle_pedal_ratio,
@@ -154,21 +156,25 @@ class CarControls:
 class PageDriver:
     """A planner that decides what the page wishes: every period, in a thread of its own.
 
+    The dashboard lets a wish go when its browser falls silent. If it does not, it is dead itself,
+    and this planner must not drive on for it: it decides no more, and the nodes stop the car (ER5).
+
     Args:
         car: Open.
         vehicle: Its envelope bounds how fast the curvature may change.
-
-    Attributes:
-        wish: In force.
     """
 
     def __init__(self, car: Car, vehicle: Vehicle) -> None:
-        self.wish: Wish = NO_WISH
+        self._held: tuple[Wish, int] = (NO_WISH, 0)
         self._car = car
         self._jerk_mps3 = JERK_SHARE * vehicle.envelope.lateral_jerk_mps3_max
         self._curvature_per_m = 0.0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page-driver", daemon=True)
+
+    def hold(self, wish: Wish, now_ns: int) -> None:
+        """The wish in force from now on, monotonic time."""
+        self._held = (wish, now_ns)
 
     def start(self) -> None:
         """Begins to decide."""
@@ -187,12 +193,21 @@ class PageDriver:
                     return
                 passed_s = (state.time_ns - before_ns) / NS_PER_S
                 before_ns = state.time_ns
-                self._decide(state.speed_mps, max(0.0, passed_s))
+                self.decide(state.speed_mps, max(0.0, passed_s), monotonic_ns())
         except (LinkFailed, NotConnected):
             return  # whoever asks for something next is told
 
-    def _decide(self, speed_mps: float, passed_s: float) -> None:
-        wish = self.wish
+    def decide(self, speed_mps: float, passed_s: float, now_ns: int) -> None:
+        """One decision, or none for a wish that nobody has repeated or let go for too long.
+
+        Args:
+            speed_mps: The car's; NaN if it is not known.
+            passed_s: Since the last decision.
+            now_ns: Monotonic time.
+        """
+        wish, told_ns = self._held
+        if wish != NO_WISH and now_ns - told_ns > ABANDONED_NS:
+            return
         speed_mps = SPEED_MPS_MAX if math.isnan(speed_mps) else max(SPEED_MPS_MIN, speed_mps)
         self._curvature_per_m = steered(
             self._curvature_per_m, wish.curvature_per_m, self._jerk_mps3 / speed_mps**2 * passed_s
