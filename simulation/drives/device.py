@@ -192,4 +192,4 @@ class DriveDevice(CanopenDevice):
     def _accept(self) -> None:
         """The identifiers that are wanted now."""
         heartbeats = {cia301.HEARTBEAT_ID + self._master_id} if self._master_id else set()
-        self.acceptance = self._own_acceptance | self._received.keys() | heartbeats
+        self.acceptance = frozenset({*self._own_acceptance, *self._received, *heartbeats})

@@ -423,6 +423,7 @@ def test_no_pdo_gets_an_identifier_of_another_service(cob_id: int) -> None:
 def test_identifiers_that_are_wanted_follow_the_objects() -> None:
     rig = Rig()
     assert rig.drive.acceptance == {0x000, 0x611, 0x211, 0x311}
+    assert isinstance(rig.drive.acceptance, frozenset)
     rig.write(CONSUMER, MASTER_ID << 16 | 100, 4)
     rig.write(0x140001, 0x80000211, 4)
     assert rig.drive.acceptance == {0x000, 0x611, 0x311, 0x701}
