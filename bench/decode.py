@@ -2,7 +2,8 @@
 
 Lines: `cantools decode --single-line` as a process, reading candump's text from its standard input,
 as ours does. Data frames: python-can's LogReader and cantools, a list of rows for each message, one
-data frame of each list.
+data frame of each list; and asammdf's `extract_bus_logging`, which needs the log as MF4 and stops
+short of data frames.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ from simulation.trace import candump_lines
 from simulation.world import World
 from telemetry.databases import load_databases
 from telemetry.decode.export import decode_log
+from telemetry.record.channels import ChannelNumbers
+from telemetry.record.convert import convert_log
+from telemetry.record.formats import Setting, format_of
 from vehicles import load_vehicle
 
 NAME = "decode"
-LINES_GOAL, FRAMES_GOAL = 5.0, 20.0
+LINES_GOAL, FRAMES_GOAL, MDF_GOAL = 5.0, 20.0, 1.0
 WORLD_S, QUICK_WORLD_S = 20.0, 1.0
 COPIES, QUICK_COPIES = 40, 1
 RUNS, QUICK_RUNS = 3, 1
@@ -53,7 +57,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecodeResult:
-    """Both pairs."""
+    """All pairs."""
 
     pairs: list[Pair]
     quick: bool
@@ -93,12 +97,20 @@ def measure(*, quick: bool = False) -> DecodeResult:
         tables = _in_turns(
             lambda: cpu_s(lambda: decode_log(log)), lambda: cpu_s(lambda: _peer(log)), runs
         )
+        mf4 = Path(folder) / "drive.mf4"
+        convert_log(log, mf4, format_of(mf4), Setting(databases=None, numbers=ChannelNumbers()))
+        assert _extract(mf4) == frames  # imports, and a fair race
+        mdf = _in_turns(
+            lambda: cpu_s(lambda: decode_log(log)), lambda: cpu_s(lambda: _extract(mf4)), runs
+        )
     return DecodeResult(
         pairs=[
             Pair(what="log to lines", peer="cantools decode", frames=frames, ours_s=lines[0],
                  theirs_s=lines[1], goal=LINES_GOAL),
             Pair(what="log to data frames", peer="LogReader and cantools", frames=frames,
                  ours_s=tables[0], theirs_s=tables[1], goal=FRAMES_GOAL),
+            Pair(what="log to data frames", peer="asammdf, from MF4", frames=frames,
+                 ours_s=mdf[0], theirs_s=mdf[1], goal=MDF_GOAL),
         ],
         quick=quick,
     )  # fmt: skip
@@ -145,3 +157,12 @@ def _peer(log: Path) -> dict[str, Any]:
         values: Any = known.decode(bytes(message.data))
         rows[known.name].append({"time_s": message.timestamp, **values})
     return {name: pandas.DataFrame(found) for name, found in rows.items()}
+
+
+def _extract(mf4: Path) -> int:
+    """What asammdf offers; answers how many frames it has decoded."""
+    from asammdf import MDF
+
+    with MDF(mf4) as mdf, mdf.extract_bus_logging({"CAN": [(str(DBC), 0)]}) as found:
+        groups: Any = found.groups
+        return sum(int(group.channel_group.cycles_nr) for group in groups)

@@ -207,20 +207,18 @@ def measure_live(duration_s: int) -> Live:
     """A feeder, the screen in a pseudo-terminal, and this process, which reads what is drawn."""
     with TemporaryDirectory() as folder:
         result = Path(folder) / "result.json"
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = free_port()
         screen, master = _in_terminal([
             sys.executable, "-m", "bench.monitor_live", str(port), str(duration_s), str(result),
         ])  # fmt: skip
-        feeder = _feeder(str(port), FRAMES_PER_S)
+        process = feeder(str(port), FRAMES_PER_S)
         try:
             _drain(master)
             if screen.wait() != 0:
                 raise RuntimeError("the screen failed")
         finally:
-            feeder.kill()
-            feeder.wait()
+            process.kill()
+            process.wait()
             os.close(master)
         return Live(**json.loads(result.read_text(encoding="utf-8")))
 
@@ -232,7 +230,7 @@ def measure_peers(duration_s: int) -> list[Peer]:
         "python -m cantools monitor": [sys.executable, "-m", "cantools", "monitor", *bus, str(DBC)],
         "dbw monitor --live": [*DBW, "--live", "--interface", "udp_multicast", MULTICAST],
     }
-    feeder = _feeder(MULTICAST, PEER_FRAMES_PER_S)
+    process = feeder(MULTICAST, PEER_FRAMES_PER_S)
     screens = [_in_terminal(command) for command in commands.values()]
     for _, master in screens:
         threading.Thread(target=_drain, args=(master,), daemon=True).start()
@@ -243,8 +241,8 @@ def measure_peers(duration_s: int) -> list[Peer]:
         span_s = time.monotonic() - start_s
         used = [_cpu_s(screen.pid) - b for (screen, _), b in zip(screens, before, strict=True)]
     finally:
-        feeder.kill()
-        feeder.wait()
+        process.kill()
+        process.wait()
         for screen, _ in screens:
             screen.kill()
             screen.wait()
@@ -261,7 +259,16 @@ def _in_terminal(command: Sequence[str]) -> tuple[subprocess.Popen[bytes], int]:
     return process, master
 
 
-def _feeder(where: str, frames_per_s: int) -> subprocess.Popen[bytes]:
+def free_port() -> int:
+    """A UDP port of this machine that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def feeder(where: str, frames_per_s: int) -> subprocess.Popen[bytes]:
+    """Sends onto a port, or a bus of python-can's, until it is killed."""
     command = [sys.executable, "-m", "bench.monitor_feed", where, str(frames_per_s)]
     return subprocess.Popen(command)
 

@@ -10,6 +10,7 @@ import json
 import socket
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from bench.monitor import WARM_UP_S
@@ -45,9 +46,8 @@ def resident_kib() -> int:
     return pages * 4
 
 
-def main() -> None:
-    """Runs the screen for a while and writes what it cost."""
-    port, seconds, result = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+def udp_opener(port: int) -> Callable[[str, int], socket.socket]:
+    """What opens a UDP socket where a listener would open a CAN one."""
 
     def open_socket(channel: str, error_classes: int) -> socket.socket:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -55,10 +55,19 @@ def main() -> None:
         sock.bind(("127.0.0.1", port))
         return sock
 
+    return open_socket
+
+
+def main() -> None:
+    """Runs the screen for a while and writes what it cost."""
+    port, seconds, result = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+
     catalogue = Catalogue()
     gc.freeze()
     with (
-        SocketcanListener([CHANNEL], realtime=realtime_ns, open_socket=open_socket) as listener,
+        SocketcanListener(
+            [CHANNEL], realtime=realtime_ns, open_socket=udp_opener(port)
+        ) as listener,
         CountingTerminal(sys.stdin.fileno(), sys.stdout.fileno(), with_colours=True) as terminal,
     ):
         live = LiveMonitor(

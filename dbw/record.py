@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import select
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import click
 
@@ -25,15 +26,32 @@ from dbw.options import (
 )
 
 if TYPE_CHECKING:
+    from canbus.heard import Heard
     from canbus.listener import Listener
     from telemetry.monitor.selection import Selection
     from telemetry.record.formats import Format, Setting
-    from telemetry.record.recorder import Recorder
 
 SECONDS_MAX: Final = 366 * 86_400
 FILES_MAX: Final = 9_999
 WAIT_NS: Final = 100_000_000
 """How soon a signal or the end of the duration is seen on a silent bus."""
+GATHER_S: Final = 0.005
+"""Frames gather in the kernel's queue for so long, a tenth of what its default has room for on a
+full bus: to wake up for each costs as much as to read it."""
+
+
+class Recording(Protocol):
+    """What takes the frames: `telemetry.record.recorder.Recorder`."""
+
+    frames: int
+
+    def add(self, frames: list[Heard], now_ns: int) -> None:
+        """Takes what was heard."""
+        ...
+
+    def close(self, now_ns: int) -> None:
+        """Completes the file."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +140,7 @@ def run_record(options: RecordOptions) -> int:
         gc.freeze()  # what is there will stay
         click.echo(f"recording {', '.join(channels_of(sources))} to {recorder.paths[-1]}", err=True)
         try:
-            _record(listener, recorder, Selection(sources=tuple(sources)), options.duration_s)
+            record_from(listener, recorder, Selection(sources=tuple(sources)), options.duration_s)
             code = EXIT_OK
         except RecordingError as error:
             complain(error)
@@ -163,8 +181,8 @@ def _default_path() -> Path:
     return Path(f"dbw-{text}.log")
 
 
-def _record(
-    listener: Listener, recorder: Recorder, selection: Selection, duration_s: int | None
+def record_from(
+    listener: Listener, recorder: Recording, selection: Selection, duration_s: int | None
 ) -> None:
     """Listens until a signal, or the end of the duration; the file is complete then.
 
@@ -179,6 +197,7 @@ def _record(
     with _until_signal() as is_stopped:
         now_ns = monotonic_ns()
         while not is_stopped() and now_ns < end_ns:
+            select.select([], [], [], GATHER_S)
             heard = listener.hear(min(WAIT_NS, end_ns - now_ns))
             if is_filtered:
                 heard = [item for item in heard if selection.passes(item, None)]

@@ -11,6 +11,7 @@ from dbc.protection import COUNTER_BYTE, PROTECTED_LENGTH, crc
 from telemetry.databases import Signal
 
 WORD_BITS: Final = 64
+WORD_BYTES: Final = 8
 _FLOATS: Final = {
     16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uint64, np.float64),
 }  # fmt: skip
@@ -26,15 +27,37 @@ def raw_of(signal: Signal, data: NDArray[np.uint8]) -> NDArray[Any]:
     Returns:
         Shape (N,): uint64, int64 for a signed signal, a float type for a float.
     """
+    is_word = data.shape[1] == WORD_BYTES and data.flags.c_contiguous
+    if is_word and signal.byte_order == "little_endian":
+        words = data.view("<u8")[:, 0] >> np.uint64(signal.start)
+    elif is_word:
+        begin = _begin(signal)
+        words = data.view(">u8")[:, 0].astype(np.uint64)
+        words >>= np.uint64(WORD_BITS - begin - signal.length)
+    else:
+        words = _words(*_window(signal, data))
+    return _number(signal, words)
+
+
+def _begin(signal: Signal) -> int:
+    """Bits of a frame before a big-endian signal, whose start bit is the most significant one."""
+    start: int = signal.start
+    return 8 * (start // 8) + 7 - start % 8
+
+
+def _window(signal: Signal, data: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
+    """The bytes that a signal is in, the least significant first, and its place in the first."""
     if signal.byte_order == "little_endian":
         first, shift = signal.start // 8, signal.start % 8
-        window = data[:, first : first + -(-(shift + signal.length) // 8)]
-    else:  # the start bit is the most significant one; the last byte holds the least
-        begin = 8 * (signal.start // 8) + 7 - signal.start % 8
-        first, last = begin // 8, (begin + signal.length - 1) // 8
-        shift = 8 * (last + 1) - begin - signal.length
-        window = data[:, first : last + 1][:, ::-1]
-    words = _words(window, shift)
+        return data[:, first : first + -(-(shift + signal.length) // 8)], shift
+    begin = _begin(signal)
+    first, last = begin // 8, (begin + signal.length - 1) // 8
+    shift = 8 * (last + 1) - begin - signal.length
+    return data[:, first : last + 1][:, ::-1], shift
+
+
+def _number(signal: Signal, words: NDArray[np.uint64]) -> NDArray[Any]:
+    """A signal's number in words that begin with it."""
     if signal.length < WORD_BITS:
         words &= np.uint64((1 << signal.length) - 1)
     if signal.is_float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -43,7 +43,24 @@ _INDEX: Final = struct.Struct("<BQHI")
 _INDEX_HEAD_BYTES: Final = 6
 _FOOTER: Final = struct.Struct("<BQQQ")
 _FOOTER_BYTES: Final = 20
+_PAIR_BYTES: Final = 16
+_MESSAGE_OPCODE: Final = int(Opcode.MESSAGE)
 NO_TIME: Final = 0
+
+
+@dataclass(slots=True)
+class Messages:
+    """Messages of a chunk, in parallel lists.
+
+    Attributes:
+        channels: Their numbers.
+        times_ns: Since 1970.
+        texts: JSON.
+    """
+
+    channels: list[int] = field(default_factory=list)
+    times_ns: list[int] = field(default_factory=list)
+    texts: list[bytes] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -90,35 +107,34 @@ class McapFile:
         self._new.append(channel)
         return channel.id
 
-    def write_chunk(self, messages: Iterable[tuple[int, int, bytes]]) -> None:
-        """Writes messages, each `(channel, time_ns, JSON)`, as one chunk.
+    def write_chunk(self, messages: Messages) -> None:
+        """Writes messages as one chunk; none is written for none.
 
         Raises:
             LogFullError: It did not fit; the file is as before.
         """
-        content = bytearray(_packed(self._new))
-        indices: dict[int, list[int]] = {}
-        pack = _MESSAGE.pack
-        for channel, time_ns, data in messages:
-            entries = indices.get(channel)
-            if entries is None:
-                entries = indices[channel] = []
-            entries += (time_ns, len(content))
-            size = _MESSAGE_HEAD_BYTES + len(data)
-            content += pack(Opcode.MESSAGE, size, channel, 0, time_ns, time_ns)
-            content += data
-        if not indices:
+        if not messages.texts:
             return
-        written = self._append(bytes(content), indices)
+        head = _packed(self._new)
+        rows = zip(messages.channels, messages.times_ns, messages.texts, strict=True)
+        pieces = [b""] * (2 * len(messages.texts))
+        pieces[::2] = [
+            _MESSAGE.pack(_MESSAGE_OPCODE, _MESSAGE_HEAD_BYTES + len(text), channel, 0, at, at)
+            for channel, at, text in rows
+        ]
+        pieces[1::2] = messages.texts
+        written = self._append(head + b"".join(pieces), len(head), messages)
         self._file.commit()
         self._new.clear()
         self._chunks.append(written)
 
-    def _append(self, content: bytes, indices: Mapping[int, list[int]]) -> _Written:
-        """A chunk and the indices of its messages."""
+    def _append(self, content: bytes, first: int, messages: Messages) -> _Written:
+        """A chunk whose messages begin at `first`, and their indices."""
         start = self._file.tell()
-        times = [entries[::2] for entries in indices.values()]
-        first_ns, last_ns = min(map(min, times)), max(map(max, times))
+        times = np.array(messages.times_ns, "<u8")
+        sizes = np.array([_MESSAGE.size + len(text) for text in messages.texts], np.int64)
+        entries = np.column_stack((times, (first + np.cumsum(sizes) - sizes).astype("<u8")))
+        first_ns, last_ns = int(times.min()), int(times.max())
         data = self._compressor.compress(content)
         self._file.write(_packed([Chunk(
             compression=COMPRESSION, data=data, message_start_time=first_ns,
@@ -127,20 +143,21 @@ class McapFile:
         )]))  # fmt: skip
         end = self._file.tell()
         offsets: dict[int, int] = {}
-        for channel, entries in indices.items():
+        counts: dict[int, int] = {}
+        channels = np.array(messages.channels, np.uint16)
+        for channel in np.unique(channels).tolist():
+            pairs = entries[channels == channel].tobytes()
             offsets[channel] = self._file.tell()
-            pairs = np.array(entries, "<u8").tobytes()
-            head = _INDEX.pack(
+            counts[channel] = len(pairs) // _PAIR_BYTES
+            self._file.write(_INDEX.pack(
                 Opcode.MESSAGE_INDEX, _INDEX_HEAD_BYTES + len(pairs), channel, len(pairs)
-            )
-            self._file.write(head + pairs)
+            ) + pairs)  # fmt: skip
         index = ChunkIndex(
             chunk_start_offset=start, chunk_length=end - start, compression=COMPRESSION,
             compressed_size=len(data), uncompressed_size=len(content),
             message_start_time=first_ns, message_end_time=last_ns,
             message_index_offsets=offsets, message_index_length=self._file.tell() - end,
         )  # fmt: skip
-        counts = {channel: len(entries) // 2 for channel, entries in indices.items()}
         return _Written(start, index, counts)
 
     def close(self) -> dict[int, int]:

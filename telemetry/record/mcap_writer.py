@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from canbus.heard import Heard
@@ -18,7 +18,7 @@ from telemetry.decode.tables import VERDICTS, Decoder, Names, Table
 from telemetry.logs.frames import ChannelNames, columns_of_heard
 from telemetry.logs.mcap_raw import BUS_KEY, RAW_SCHEMA_NAME, raw_json, raw_schema
 from telemetry.record.log_file import LogFile
-from telemetry.record.mcap_file import McapFile
+from telemetry.record.mcap_file import McapFile, Messages
 
 NOT_SIGNALS: Final = ("time_ns", "channel")
 VERDICT: Final = "verdict"
@@ -41,10 +41,15 @@ class McapWriter:
 
     def write(self, frames: Sequence[Heard]) -> None:
         """Writes a chunk: the frames as they are, and what they say."""
-        messages = [(self._raw_channel(f.channel), max(0, f.time_ns), raw_json(f)) for f in frames]
+        raw = {bus: self._raw_channel(bus) for bus in {item.channel for item in frames}}
+        messages = Messages(
+            channels=[raw[item.channel] for item in frames],
+            times_ns=[max(0, item.time_ns) for item in frames],
+            texts=[raw_json(item) for item in frames],
+        )
         decoded = self._decoder.decode(columns_of_heard(frames, self._channels))
         for table in decoded.tables.values():
-            messages += self._table(table)
+            self._add(table, messages)
         self._mcap.write_chunk(messages)
 
     def close(self) -> int:
@@ -59,13 +64,13 @@ class McapWriter:
             )
         return self._raw[bus]
 
-    def _table(self, table: Table) -> Iterator[tuple[int, int, bytes]]:
+    def _add(self, table: Table, messages: Messages) -> None:
         buses = table.frames.channels
         places = table.frames.channel.tolist()
         numbers = {place: self._channel_of(buses[place], table) for place in set(places)}
-        times = table.frames.time_ns.clip(0).tolist()
-        for place, time_ns, text in zip(places, times, json_rows(table), strict=True):
-            yield numbers[place], time_ns, text
+        messages.channels += [numbers[place] for place in places]
+        messages.times_ns += table.frames.time_ns.clip(0).tolist()
+        messages.texts += json_rows(table)
 
     def _channel_of(self, bus: str, table: Table) -> int:
         message = table.message
