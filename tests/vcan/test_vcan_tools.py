@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -43,11 +44,27 @@ def monitored(path: Path, count: int) -> list[str]:
     """What `dbw monitor` shows of a log that `canplayer` plays."""
     command = [sys.executable, "-m", "dbw", "monitor", "vcan0", "-n", str(count)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
-        while not re.search(r"^\s*vcan0\s", RECEIVERS.read_text(), re.M):
-            pause(0.05)  # nobody else is on the bus
-        subprocess.run(["canplayer", "-I", str(path), "vcan0=vcan0"], check=True)
+        play_to_a_listener(path)
         out, _ = monitor.communicate(timeout=60.0)
     return out.splitlines()
+
+
+def play_to_a_listener(path: Path) -> None:
+    """Plays a log once somebody hears vcan0; nobody else is on the bus."""
+    while not re.search(r"^\s*vcan0\s", RECEIVERS.read_text(), re.M):
+        pause(0.05)
+    subprocess.run(["canplayer", "-I", str(path), "vcan0=vcan0"], check=True)
+
+
+def recorded_by_dbw(path: Path, out: Path) -> list[tuple[int, bytes]]:
+    """What `dbw record` keeps of a log that `canplayer` plays, until Ctrl-C."""
+    command = [sys.executable, "-m", "dbw", "record", "vcan0", "--out", str(out)]
+    with subprocess.Popen(command) as recorder:
+        play_to_a_listener(path)
+        pause(0.5)
+        recorder.send_signal(signal.SIGINT)
+        assert recorder.wait(timeout=60.0) == 0
+    return [(frame.can_id, frame.data) for frame in Log(out).frames()]
 
 
 def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
@@ -77,6 +94,9 @@ def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
     assert status.mode is Mode.AUTOMATIC
     assert {node.name for node in status.nodes if node.is_heard} == set(NODE_IDS)
     assert not status.bad_frames and not status.unknown_ids
+    frames = [(frame.can_id, frame.data) for frame in Log(path).frames()]
+    assert recorded_by_dbw(path, tmp_path / "again.log") == frames
+    assert recorded_by_dbw(path, tmp_path / "again.mcap") == frames
     shown = monitored(path, len(lines))
     told = [line.split()[1] for line in shown]
     assert told == [line.split()[2].partition("#")[0] for line in lines]
