@@ -23,9 +23,13 @@ from canbus.frame import Frame, FrameKind, ReceivedFrame
 SILENCE_NS: Final = 60_000_000
 """A drive that was heard and is not for so long is lost: three of its slowest PDO."""
 
+HEARTBEAT_LOST_MS: Final = 150
+"""Time after which a drive misses its node: three heartbeats of 50 ms."""
+
 RESET_NS: Final = 100_000_000
 """Time that a drive is given to leave FAULT after a reset."""
 
+_CONSUMER_HEARTBEAT: Final = 0x101601
 _EMCY_ID: Final = 0x080
 _POSITION_PDO_ID: Final = 0x180
 _VELOCITY_PDO_ID: Final = 0x280
@@ -97,8 +101,11 @@ class DriveClient:
 
     Args:
         node_id: of the drive.
+        own_node_id: of the node that steps this client. The drive watches its heartbeat: the node
+            that gives targets must not die unnoticed while the supervisor lives.
         mode: profile position (targets in encoder units) or profile velocity (rpm).
-        settings: written in this order whenever the drive announces itself; the mode comes last.
+        settings: written in this order whenever the drive announces itself, after the heartbeat
+            to watch and before the mode.
 
     Attributes:
         acceptance: identifiers it must be given; others are ignored.
@@ -114,7 +121,11 @@ class DriveClient:
     """
 
     def __init__(
-        self, node_id: int, mode: OperationMode, settings: Sequence[Setting] = ()
+        self,
+        node_id: int,
+        own_node_id: int,
+        mode: OperationMode,
+        settings: Sequence[Setting] = (),
     ) -> None:
         if mode not in _COMMAND_PDO_ID:
             raise ValueError(f"mode {mode.name}: a drive follows a position or a velocity")
@@ -132,7 +143,12 @@ class DriveClient:
         self.error_code = 0
         self.trouble: DriveTrouble | None = None
         self.bad_frames = 0
-        self._settings = [*settings, Setting(key=cia402.MODE, value=mode, byte_count=1)]
+        watched = own_node_id << 16 | HEARTBEAT_LOST_MS
+        self._settings = [
+            Setting(key=_CONSUMER_HEARTBEAT, value=watched, byte_count=4),
+            *settings,
+            Setting(key=cia402.MODE, value=mode, byte_count=1),
+        ]
         self._sdo = SdoClient()
         self._is_asked = False
         self._is_configured = False

@@ -23,12 +23,10 @@ from canbus.drive_client import (
     Setting,
 )
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from canbus.timing import frame_bits
 from simulation.drives.faults import DriveFault
 from tests.simulation.drive_rig import MASTER_ID, MS, NODE_ID, QUICK_STOP, Rig
 
 POSITION, VELOCITY = OperationMode.PROFILE_POSITION, OperationMode.PROFILE_VELOCITY
-WATCH_MASTER = Setting(key=0x101601, value=MASTER_ID << 16 | 150, byte_count=4)
 FOLLOW, STOP, RELEASE = DriveWish.FOLLOW, DriveWish.STOP, DriveWish.RELEASE
 
 
@@ -37,7 +35,7 @@ class Axis(Rig):
 
     def __init__(self, mode: OperationMode, *settings: Setting) -> None:
         super().__init__()
-        self.client = DriveClient(NODE_ID, mode, [WATCH_MASTER, *settings])
+        self.client = DriveClient(NODE_ID, MASTER_ID, mode, settings)
         self.wish = RELEASE
         self.target: Callable[[float], int] = lambda _: 0
         self.is_cut = False
@@ -107,7 +105,7 @@ def test_nothing_is_commanded_before_the_drive_was_heard_and_set_up() -> None:
     assert not axis.client.is_ready
     assert axis.commands == []
     assert axis.drive.state is PowerState.SWITCH_ON_DISABLED
-    assert axis.read(0x101601, 4) == WATCH_MASTER.value
+    assert axis.read(0x101601, 4) == MASTER_ID << 16 | 150
     assert axis.drive.values[cia402.MODE_DISPLAY] == VELOCITY
 
 
@@ -286,7 +284,7 @@ def test_a_mode_that_somebody_else_changed_is_not_followed() -> None:
     )
 )
 def test_no_frames_raise_and_none_make_an_unready_drive_run(frames: list[Frame]) -> None:
-    client = DriveClient(NODE_ID, VELOCITY)
+    client = DriveClient(NODE_ID, MASTER_ID, VELOCITY)
     for number, frame in enumerate(frames):
         sent = client.step(number * 10 * MS, [ReceivedFrame(0, frame)], FOLLOW, 500)
         for command in sent:
@@ -316,21 +314,4 @@ def test_wrong_configuration_of_a_client_is_refused(
     node_id: int, mode: OperationMode, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        DriveClient(node_id, mode)
-
-
-def test_three_drives_take_less_than_a_third_of_the_bus() -> None:
-    # one position and two velocity drives, all moving, with their masters' frames
-    bits = 0
-    for mode in (POSITION, VELOCITY, VELOCITY):
-        axis = Axis(mode)
-        axis.begin()
-        axis.wish = FOLLOW
-        axis.target = lambda now_s: round(500 * now_s)
-        axis.live(500)
-        first, sent = len(axis.seen), 0
-        for _ in range(100):
-            axis.live(10)
-            sent += sum(frame_bits(frame) for frame in axis.commands)
-        bits += sent + sum(frame_bits(frame) for _, frame in axis.seen[first:])
-    assert bits / 500_000 < 1 / 3
+        DriveClient(node_id, MASTER_ID, mode)
