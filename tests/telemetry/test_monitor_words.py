@@ -10,6 +10,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.node import NODE_IDS
 from dbc.messages import Reason
+from dbc.spec import snake_case
 from ecus.common.codes import EMCY_CODE_BASE
 from gateway.sentences import REASON_TEXT
 from telemetry.monitor.canopen_words import EMCY_DEVICE, CanopenWords
@@ -126,7 +127,8 @@ def test_every_node_has_an_eds_under_the_name_that_is_looked_for() -> None:
     for name, node_id in NODE_IDS.items():
         text = said(0x600 + node_id, "40 0010 00 00000000")
         assert text == f"SDO to {name}: read 0x1000:00 Device type"
-    assert len(list(files("dbc").joinpath("eds").iterdir())) == len(NODE_IDS)
+    names = {path.name for path in files("dbc").joinpath("eds").iterdir()}
+    assert names == {f"{snake_case(name)}.eds" for name in NODE_IDS} | {"drive.eds"}
 
 
 @pytest.mark.parametrize(
