@@ -52,7 +52,7 @@ matrix: $(STAMP)
 # Only for maintainers: renews the locked versions from pyproject.toml.
 lock:
 	uv pip compile --quiet --generate-hashes --no-emit-index-url --no-strip-markers --python-version 3.11 \
-		--extra demo --extra campaign --extra logs --extra dashboard --extra dev pyproject.toml --output-file requirements.lock
+		--extra demo --extra campaign --extra logs --extra dashboard --extra foxglove --extra dev pyproject.toml --output-file requirements.lock
 
 clean:
 	rm -rf $(VENV) out build .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage

@@ -20,10 +20,12 @@ from dbw.options import (
 )
 
 if TYPE_CHECKING:
-    from dbw.dashboard_server import Setup
+    from dbw.dashboard_server import Dashboard, Setup
 
 PORT_MAX = 65_535
 DEFAULT_PORT = 8420
+FOXGLOVE_PORT = 8765
+"""Foxglove's own default."""
 DEFAULT_HOST = "127.0.0.1"
 VIRTUAL = "virtual"
 DESK_CHANNEL = "desk"
@@ -85,6 +87,17 @@ Examples:
     help="Keeps the token of the controls from one start to the next; made if it is not there.  "
     "[default: a new token at each start]",
 )
+@click.option(
+    "--foxglove",
+    "foxglove_port",
+    type=WholeNumber(0, PORT_MAX),
+    is_flag=False,
+    flag_value=str(FOXGLOVE_PORT),
+    default=None,
+    metavar="[PORT]",
+    help=f"Every message as a channel for Foxglove, to be opened there as ws://localhost:PORT.  "
+    f"[port: {FOXGLOVE_PORT}]",
+)
 def dashboard(
     interface: str,
     channel: str,
@@ -97,6 +110,7 @@ def dashboard(
     port: int,
     names: tuple[str, ...],
     token_file: Path | None,
+    foxglove_port: int | None,
 ) -> int:
     """Show the car on a web page, and drive it where that is possible.
 
@@ -104,11 +118,9 @@ def dashboard(
     is printed. On any bus the page may call for an emergency brake; what else it may do depends on
     what it stands beside: --harness-channel, --gateway, --desk.
     """
-    try:
-        import tornado  # noqa: F401
-    except ImportError as error:
-        raise UserMistake("tornado is missing: pip install can-by-wire[dashboard]") from error
+    require_server()
     from dbw.dashboard_server import Setup, gateway_is_heard, open_dashboard
+    from runtime.in_process import harness_channel_of
     from runtime.launch import InProcessStack
     from runtime.realtime import RealtimeSettings, apply_realtime
     from runtime.stopping import StopRequest
@@ -118,7 +130,8 @@ def dashboard(
     if desk:
         if harness_channel is not None or gateway:
             raise UserMistake("--desk brings its own harness and gateway: leave those options away")
-        interface, channel, harness_channel = VIRTUAL, DESK_CHANNEL, f"{DESK_CHANNEL}-harness"
+        interface, channel = VIRTUAL, DESK_CHANNEL
+        harness_channel = harness_channel_of(DESK_CHANNEL)
         gateway = True
     elif interface == VIRTUAL:
         raise UserMistake(
@@ -136,6 +149,7 @@ def dashboard(
         host=host,
         port=port,
         access=Access(read_token(token_file), frozenset(names)),
+        foxglove_port=foxglove_port,
     )
     if gateway and not desk and gateway_is_heard(setup):
         raise UserMistake(
@@ -146,20 +160,30 @@ def dashboard(
             stack.enter_context(InProcessStack(vehicle=setup.vehicle, channel=channel))
             apply_realtime(RealtimeSettings())  # what its threads wait for must not be put off
         running = stack.enter_context(open_dashboard(setup))
-        announce(setup, running.port)
+        announce(setup, running)
+        click.echo("stop with Ctrl-C")
         running.serve(stop.is_set)
     return EXIT_OK
 
 
-def announce(setup: Setup, port: int) -> None:
+def require_server() -> None:
+    """Says what to install where the web server is missing."""
+    try:
+        import tornado  # noqa: F401
+    except ImportError as error:
+        raise UserMistake("the page needs tornado: pip install can-by-wire[dashboard]") from error
+
+
+def announce(setup: Setup, running: Dashboard) -> None:
     """Tells where the page is; the token is shown here alone."""
     from telemetry.dashboard.access import is_loopback
 
     host = "localhost" if is_loopback(setup.host) else setup.host
     host = f"[{host}]" if ":" in host else host
-    click.echo(f"dashboard of {setup.interface} {setup.channel}: http://{host}:{port}/")
-    click.echo(f"with controls: http://{host}:{port}/#token={setup.access.token}")
-    click.echo("stop with Ctrl-C")
+    click.echo(f"dashboard of {setup.interface} {setup.channel}: http://{host}:{running.port}/")
+    click.echo(f"with controls: http://{host}:{running.port}/#token={setup.access.token}")
+    if running.foxglove is not None:
+        click.echo(f"Foxglove: ws://{host}:{running.foxglove.port}")
     if not is_loopback(setup.host):
         click.echo(
             "dbw: whoever reaches this address may watch, and the token travels unencrypted: keep "

@@ -8,17 +8,23 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from canbus.heard import Heard
 from canbus.listener import SOCKETCAN, Listener, PythonCanListener, SocketcanListener
 from dbc.messages import SPECS
 from dbw.dashboard_controls import CarControls
+from dbw.failures import UserMistake
 from gateway.connect import connect
 from runtime.clock import NS_PER_S, local_text, monotonic_ns, realtime_ns
+from runtime.realtime import RealtimeSettings, apply_realtime
 from telemetry.dashboard.access import Access
 from telemetry.dashboard.picture import HumanClock, Picture
 from telemetry.dashboard.server import Server, listen
 from vehicles import Vehicle
+
+if TYPE_CHECKING:
+    from telemetry.dashboard.foxglove_server import FoxgloveServer
 
 GATEWAY = "Gateway"
 LOOK_NS = 300_000_000
@@ -39,6 +45,7 @@ class Setup:
     bitrate_bps: int | None = None
     harness_channel: str | None = None
     with_gateway: bool = False
+    foxglove_port: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +53,7 @@ class Dashboard:
     """One that listens; it answers while `serve` runs."""
 
     server: Server
+    foxglove: FoxgloveServer | None
     listening: socket.socket
 
     @property
@@ -89,17 +97,20 @@ def open_dashboard(setup: Setup) -> Iterator[Dashboard]:
                 car=car,
             )
         )
-        clock = HumanClock(unix_s=_unix_s, text=_time_of_day)
+        foxglove = None
+        if setup.foxglove_port is not None:
+            foxglove = stack.enter_context(_foxglove_of(setup, setup.foxglove_port))
         server = Server(
             listener=listener,
-            picture=Picture(vehicle, setup.channel, bitrate_bps, clock),
+            picture=Picture(vehicle, setup.channel, bitrate_bps, human_clock()),
             controls=controls,
             access=setup.access,
             about=_about(setup),
             clock=monotonic_ns,
             realtime=realtime_ns,
+            also_feed=lambda heard: None if foxglove is None else foxglove.feed(heard),
         )
-        yield Dashboard(server=server, listening=listening)
+        yield Dashboard(server=server, foxglove=foxglove, listening=listening)
 
 
 @contextmanager
@@ -107,9 +118,12 @@ def dashboard_beside(setup: Setup) -> Iterator[Dashboard]:
     """A dashboard in a thread of its own, beside a drive in this process."""
     ended = threading.Event()
     with open_dashboard(setup) as dashboard:
-        thread = threading.Thread(
-            target=dashboard.serve, args=(ended.is_set,), name="dashboard", daemon=True
-        )
+
+        def serve() -> None:
+            apply_realtime(RealtimeSettings())  # what nodes in this process wait for
+            dashboard.serve(ended.is_set)
+
+        thread = threading.Thread(target=serve, name="dashboard", daemon=True)
         thread.start()
         try:
             yield dashboard
@@ -133,6 +147,16 @@ def _is_gateways(heard: Heard) -> bool:
     return spec is not None and spec.sender == GATEWAY
 
 
+def _foxglove_of(setup: Setup, port: int) -> FoxgloveServer:
+    try:
+        from telemetry.dashboard.foxglove_server import FoxgloveServer
+    except ImportError as error:
+        raise UserMistake(
+            "--foxglove needs foxglove-sdk: pip install can-by-wire[foxglove]"
+        ) from error
+    return FoxgloveServer(setup.channel, setup.host, port)
+
+
 def _listener_of(setup: Setup) -> Listener:
     if setup.interface == SOCKETCAN:
         return SocketcanListener([setup.channel], realtime=realtime_ns)
@@ -153,6 +177,11 @@ def _about(setup: Setup) -> dict[str, object]:
         "wheel_rad_max": vehicle.steering.wheel_angle_rad_max,
         "speed_mps_max": vehicle.traction.speed_mps_max,
     }
+
+
+def human_clock() -> HumanClock:
+    """By the system's clock, in the local zone."""
+    return HumanClock(unix_s=_unix_s, text=_time_of_day)
 
 
 def _unix_s(time_ns: int) -> float:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dbw.dashboard import DEFAULT_PORT, PORT_MAX
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake, complain
 from dbw.options import WholeNumber, bus_options, check_two_buses, vehicle_option
 
@@ -41,6 +42,7 @@ class DemoOptions:
     harness_channel: str
     planner_period_ms: int
     distance_m: float | None
+    dashboard_port: int | None = None
 
 
 @click.command(
@@ -49,6 +51,7 @@ Examples:
   dbw demo
   dbw demo --track zandvoort --seed 7 --out out/zandvoort
   dbw demo --realtime --distance-m 60
+  dbw demo --realtime --dashboard
   dbw demo --realtime --interface socketcan --channel vcan0 --harness-channel vcan1"""
 )
 @click.option(
@@ -93,6 +96,16 @@ Examples:
 @click.option(
     "--distance-m", type=float, default=None, help="Drive this far and stop; default: a whole lap."
 )
+@click.option(
+    "--dashboard",
+    "dashboard_port",
+    type=WholeNumber(0, PORT_MAX),
+    is_flag=False,
+    flag_value=str(DEFAULT_PORT),
+    default=None,
+    metavar="[PORT]",
+    help=f"With --realtime: the drive as a web page, as `dbw dashboard`.  [port: {DEFAULT_PORT}]",
+)
 def demo(
     track: str,
     vehicle: str,
@@ -104,6 +117,7 @@ def demo(
     harness_channel: str,
     planner_period_ms: int,
     distance_m: float | None,
+    dashboard_port: int | None,
 ) -> int:
     """Drive a road with the reference planner and draw what happened.
 
@@ -122,7 +136,10 @@ def demo(
         harness_channel=harness_channel,
         planner_period_ms=planner_period_ms,
         distance_m=distance_m,
+        dashboard_port=dashboard_port,
     )
+    if dashboard_port is not None and not realtime:
+        raise UserMistake("--dashboard needs --realtime: virtual time is over before you look")
     if interface != VIRTUAL and not realtime:
         raise UserMistake(f"--interface {interface} needs --realtime: virtual time has its own bus")
     if interface != VIRTUAL:
@@ -152,7 +169,11 @@ def run_demo(options: DemoOptions) -> int:
         bus, stage = stage_of(options, plan)
         start_ns = monotonic_ns()
         try:
-            with stage, DriveScreen(console, plan.goal_m) as screen:
+            with (
+                stage,
+                dashboard_of(options, plan),
+                DriveScreen(console, plan.goal_m) as screen,
+            ):
                 end = drive(stage, plan, screen.show)
         except DriveFailed as error:
             complain(error)
@@ -239,6 +260,36 @@ def stage_of(options: DemoOptions, plan: DrivePlan) -> tuple[str, VirtualStage |
     return f"{options.interface} {options.channel}", process_stage(
         plan, options.seed, settings, lambda text: click.echo(text, err=True)
     )
+
+
+@contextmanager
+def dashboard_of(options: DemoOptions, plan: DrivePlan) -> Iterator[None]:
+    """The page, while the drive lasts: its driver, and not its planner."""
+    if options.dashboard_port is None:
+        yield
+        return
+    from dbw.dashboard import DEFAULT_HOST, announce, require_server
+
+    require_server()
+    from dbw.dashboard_server import Setup, dashboard_beside
+    from runtime.in_process import harness_channel_of
+    from telemetry.dashboard.access import Access, new_token
+
+    is_virtual = options.interface == VIRTUAL
+    setup = Setup(
+        interface=options.interface,
+        channel=options.channel,
+        vehicle=plan.vehicle,
+        harness_channel=(
+            harness_channel_of(options.channel) if is_virtual else options.harness_channel
+        ),
+        host=DEFAULT_HOST,
+        port=options.dashboard_port,
+        access=Access(new_token()),
+    )
+    with dashboard_beside(setup) as running:
+        announce(setup, running)
+        yield
 
 
 @contextmanager

@@ -34,6 +34,11 @@ SWITCH_INTERVAL_S = 0.000_5
 """A thread that computes gives way after this long while others wait. Python's own 5 ms is half a
 cycle: a planner in the same process would delay every node."""
 
+def harness_channel_of(channel: str) -> str:
+    """The virtual bus that stands for the wires of a stack on a channel."""
+    return f"{channel}-harness"
+
+
 NodeBuilder = Callable[[str, Vehicle], Node[Any, Any]]
 
 
@@ -108,7 +113,7 @@ class InProcessStack:
             node_entry(name)
         self.vehicle = vehicle
         self.channel = channel
-        self.harness_channel = f"{channel}-harness"
+        self.harness_channel = harness_channel_of(channel)
         self._names = tuple(nodes)
         self._seed = seed
         self._start_pose = start_pose or Pose(x_m=0.0, y_m=0.0, heading_rad=0.0)

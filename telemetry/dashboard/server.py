@@ -145,6 +145,7 @@ class Server:
         about: What a page is told once.
         clock: Monotonic time in ns.
         realtime: The system's clock in ns since 1970, on which frames are stamped.
+        also_feed: Gets every frame too.
     """
 
     def __init__(
@@ -157,7 +158,9 @@ class Server:
         about: Values,
         clock: Callable[[], int],
         realtime: Callable[[], int],
+        also_feed: Callable[[list[Heard]], None] = lambda heard: None,
     ) -> None:
+        self._also_feed = also_feed
         self._listener = listener
         self._picture = picture
         self._access = access
@@ -199,6 +202,7 @@ class Server:
         heard = self._listener.hear(0)
         now_ns = self._clock()
         self._picture.feed(heard, now_ns, now_ns - self._realtime())
+        self._also_feed(heard)
         for note in self._listener.notes():
             self._picture.say(now_ns, "bus", note)
         self.hub.step(now_ns)

@@ -71,6 +71,7 @@ def test_the_page_shows_the_car_and_asks_nobody_else_for_anything(
     expect(opened.at("#nodes li[data-node=Steering]")).to_have_attribute("data-is", "alive")
     expect(opened.at("#nodes li[data-node=Gateway]")).to_have_attribute("data-is", "missing")
     expect(opened.at("#load")).to_contain_text("frames/s")
+    wait_until(opened.page, "document.getElementById('load-bar').clientWidth > 10")
     expect(opened.at("#driven")).not_to_have_text("0 m driven")
     expect(opened.at(".plot canvas")).to_have_count(3)
     expect(opened.at(".plot[data-signal^=STEER_STATUS] b")).to_contain_text("rad")

@@ -73,8 +73,8 @@ export function showHealth(values) {
   const none = element("li", codes == null ? "not heard" : "none", "quiet");
   at("codes").replaceChildren(...(codes?.length ? codes.map(codeItem) : [none]));
   const percent = (ratio) => `${(100 * (ratio ?? 0)).toFixed(1)} %`;
-  at("load-bar").style.width = percent(Math.min(values.load ?? 0, 1));
-  at("load-max").style.left = percent(Math.min(values.load_max ?? 0, 0.995));
+  at("load-bar").style.width = `${100 * Math.min(values.load ?? 0, 1)}%`;
+  at("load-max").style.left = `${100 * Math.min(values.load_max ?? 0, 0.995)}%`;
   const parts = [
     `${percent(values.load)} load, most ${percent(values.load_max)}`,
     `${values.frames_per_s ?? 0} frames/s`,
