@@ -38,8 +38,8 @@ def read_mcap(path: Path, channels: ChannelNames, problems: Problems) -> Iterato
             try:
                 record = next(records, None)
             except Exception as error:  # a reader that is fed anything raises anything
-                where = f"{error or type(error).__name__}"
-                problems.remark(f"reading ends after frame {reader.number}: cut off? {where}")
+                reason = str(error) or type(error).__name__
+                problems.remark(f"reading ends after frame {reader.number}, cut off? {reason}")
                 break
             if record is None:
                 break

@@ -53,7 +53,7 @@ def read_mf4(path: Path, channels: ChannelNames, problems: Problems) -> Iterator
                 signal = mdf.get(group.name, group=place, raw=True)
                 found.append(_columns(group, signal, start_ns, channels))
     except Exception as error:  # a reader that is fed anything raises anything
-        problems.remark(f"reading ends here: {error or type(error).__name__}")
+        problems.remark(f"reading ends here: {str(error) or type(error).__name__}")
     if others:
         problems.remark(f"{others} groups of signals that are no frames are not read")
     if found:

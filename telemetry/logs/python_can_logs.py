@@ -52,7 +52,7 @@ def read_python_can(
         try:
             message = next(messages, None)
         except Exception as error:  # a reader that is fed anything raises anything
-            problems.add(number + 1, f"reading ends here: {error or type(error).__name__}")
+            problems.add(number + 1, f"reading ends here: {str(error) or type(error).__name__}")
             message = None
         if message is not None:
             number += 1

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from telemetry.databases import Databases
 
 
-NS_PER_MS: Final = 1_000_000
-"""ASC and BLF have their start to this."""
 
-
+ASC_START_NS: Final = 1_000_000_000
+"""The format has milliseconds, which python-can writes without leading zeros: 0.001 as 0.1."""
+BLF_START_NS: Final = 1_000_000
+UNIX_NS_MIN: Final = 631_152_000 * 1_000_000_000
+"""1990."""
 _KIND: Final = REMOTE_FLAG | ERROR_FLAG
 
 
@@ -67,7 +69,8 @@ class Format:
         is_live: Whether it is in the file batch by batch, so that a crash leaves a log.
         has_names: Of channels; otherwise they have numbers.
         has_ns: Otherwise times are cut to the microsecond.
-        is_relative: Times count from the first frame, and none is before it.
+        start_ns: Times count from the first frame's, rounded down to a multiple of this, and none
+            is before it; 0: they do not.
         is_sorted: Frames are in order of time, those of one time in the order of their kinds.
         is_decoded: What the frames say is in it too.
         lost_of_errors: What of an error frame is lost.
@@ -79,11 +82,19 @@ class Format:
     is_live: bool = True
     has_names: bool = True
     has_ns: bool = False
-    is_relative: bool = False
+    start_ns: int = 0
     is_sorted: bool = False
     is_decoded: bool = False
     lost_of_errors: str = ""
     needs: str = ""
+
+
+def start_of(first_ns: int, round_ns: int) -> int:
+    """The start of a log whose first frame has this time: 0 where that is not the system's time.
+
+    python-can writes no start before 1990 into a BLF.
+    """
+    return 0 if first_ns < UNIX_NS_MIN else first_ns // round_ns * round_ns
 
 
 class Losses:
@@ -111,8 +122,8 @@ class Losses:
             self._errors += sum(item.word & ERROR_FLAG != 0 for item in frames)
         if self._with_times and not kind.has_ns:
             self._cut += sum(item.time_ns % NS_PER_US != 0 for item in frames)
-        if kind.is_relative and self._start_ns is not None:
-            start_ns = self._start_ns // NS_PER_MS * NS_PER_MS
+        if kind.start_ns and self._start_ns is not None:
+            start_ns = start_of(self._start_ns, kind.start_ns)
             self._early += sum(item.time_ns < start_ns for item in frames)
         if kind.is_sorted:
             for item in frames:
@@ -146,13 +157,13 @@ def _open_candump(file: LogFile, setting: Setting) -> Writer:
 def _open_asc(file: LogFile, setting: Setting) -> Writer:
     from telemetry.record.python_can_writers import AscWriter
 
-    return AscWriter(file, setting.numbers)
+    return AscWriter(file, setting.numbers, ASC_START_NS)
 
 
 def _open_blf(file: LogFile, setting: Setting) -> Writer:
     from telemetry.record.python_can_writers import BlfWriter
 
-    return BlfWriter(file, setting.numbers)
+    return BlfWriter(file, setting.numbers, BLF_START_NS)
 
 
 def _open_mcap(file: LogFile, setting: Setting) -> Writer:
@@ -171,11 +182,11 @@ def _open_mf4(file: LogFile, setting: Setting) -> Writer:
 FORMATS: Final = {
     ".log": Format(name="candump", open=_open_candump),
     ".asc": Format(
-        name="ASC", open=_open_asc, has_names=False, is_relative=True,
+        name="ASC", open=_open_asc, has_names=False, start_ns=ASC_START_NS,
         lost_of_errors="all but their time and channel",
     ),
     ".blf": Format(
-        name="BLF", open=_open_blf, has_names=False, is_relative=True,
+        name="BLF", open=_open_blf, has_names=False, start_ns=BLF_START_NS,
         lost_of_errors="their direction",
     ),
     ".mcap": Format(name="MCAP", open=_open_mcap, has_ns=True, is_decoded=True, needs="mcap"),

@@ -13,6 +13,7 @@ from canbus.candump import NS_PER_US, US_PER_S
 from canbus.heard import FD_BIT_RATE_SWITCH, FD_ERROR_STATE, Heard
 from canbus.hidden import ASAMMDF, hidden
 from telemetry.record.channels import ChannelNumbers
+from telemetry.record.formats import start_of
 from telemetry.record.log_file import LogFile
 
 with hidden(ASAMMDF):
@@ -20,7 +21,6 @@ with hidden(ASAMMDF):
     from can.io import ASCWriter, BLFWriter
 
 NS_PER_S: Final = 1_000_000_000
-NS_PER_MS: Final = 1_000_000
 ZLIB_FASTEST: Final = 1
 STARTED: Final = "// recorded by dbw"
 
@@ -28,22 +28,28 @@ STARTED: Final = "// recorded by dbw"
 class AscWriter:
     """See `telemetry.record.formats.Writer`.
 
-    The file has its start to the millisecond, and counts frames from there: it is given a start at
-    a whole one, so that nothing is lost.
+    The file counts frames from its start, which is not as fine as their times: it is given a round
+    one, so that nothing is lost.
+
+    Args:
+        file: Empty, and open.
+        numbers: Of the channels.
+        start_ns: What the start is a multiple of.
     """
 
-    def __init__(self, file: LogFile, numbers: ChannelNumbers) -> None:
+    def __init__(self, file: LogFile, numbers: ChannelNumbers, start_ns: int) -> None:
         self._file = file
         self._numbers = numbers
         self._text = io.TextIOWrapper(cast("BinaryIO", file), encoding="ascii", write_through=True)
         self._writer = ASCWriter(self._text)
+        self._round_ns = start_ns
         self._start_ns: int | None = None
 
     def write(self, frames: Sequence[Heard]) -> None:
         """Writes lines."""
         for item in frames:
             if self._start_ns is None:
-                self._start_ns = item.time_ns // NS_PER_MS * NS_PER_MS
+                self._start_ns = start_of(item.time_ns, self._round_ns)
                 self._writer.log_event(STARTED, self._start_ns / NS_PER_S)
             self._writer.on_message_received(message_of(item, self._numbers, self._start_ns))
         self._file.commit()
@@ -67,19 +73,21 @@ class _Blf(BLFWriter):
 
 
 class BlfWriter:
-    """See `telemetry.record.formats.Writer`. A batch is in containers of its own."""
+    """As `AscWriter`. A batch is in containers of its own."""
 
-    def __init__(self, file: LogFile, numbers: ChannelNumbers) -> None:
+    def __init__(self, file: LogFile, numbers: ChannelNumbers, start_ns: int) -> None:
         self._file = file
         self._numbers = numbers
         self._writer = _Blf(cast("BinaryIO", file), compression_level=ZLIB_FASTEST)
+        self._round_ns = start_ns
         self._start_ns: int | None = None
 
     def write(self, frames: Sequence[Heard]) -> None:
         """Writes objects, and the container that they are in."""
         for item in frames:
             if self._start_ns is None:
-                self._start_ns = item.time_ns // NS_PER_MS * NS_PER_MS
+                self._start_ns = start_of(item.time_ns, self._round_ns)
+                self._writer.start_timestamp = self._start_ns / NS_PER_S
             self._writer.on_message_received(message_of(item, self._numbers, self._start_ns))
         self._writer.flush(self._file)
 

@@ -111,7 +111,7 @@ def test_every_kind_of_frame_goes_from_each_format_into_each(
 
 @st.composite
 def frames_of_a_bus(draw: st.DrawFn) -> list[Heard]:
-    time_ns = START_NS
+    time_ns = draw(st.sampled_from([0, START_NS // S * S])) + draw(st.integers(0, S - 1))
     frames = []
     for _ in range(draw(st.integers(1, 12))):
         time_ns += draw(st.integers(0, 10**10))
