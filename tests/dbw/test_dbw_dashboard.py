@@ -1,0 +1,138 @@
+"""`dbw dashboard` from its command line to a car that is driven by hand in a real browser."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, TimeoutError, expect
+
+from dbw.main import main
+from tests.dbw.test_dbw_wall import ATTEMPTS_MAX, skip_if_busy
+from tests.telemetry.chromium import WAIT_MS_MAX, headless_chromium
+
+HERE_MS_MAX = 20_000
+TOKEN = "a-token-for-tests-0815"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--interface", "virtual"], "a virtual bus lives inside one process"),
+        (["--desk", "--gateway"], "--desk brings its own"),
+        (["--channel", "vcan0", "--harness-channel", "vcan0"], "two buses are wanted"),
+        (["--port", "70000"], "a whole number from 0 to 65535"),
+        (["--foxglove", "x"], "a whole number from 0 to 65535"),
+        (["--vehicle", "beetle"], "beetle"),
+        (["--token-file", "no/such/folder/token"], "No such file"),
+    ],
+)
+def test_a_mistake_is_one_clear_line(
+    options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["dashboard", *options]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_token_that_is_too_short_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "token").write_text("short\n")
+    assert main(["dashboard", "--desk", "--token-file", str(tmp_path / "token")]) == 2
+    assert "at least 16 characters" in capsys.readouterr().err
+
+
+def test_a_token_file_is_made_once_and_for_its_owner_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "token"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        options = ["--channel", "no-such", "--port", port, "--token-file", str(path)]
+        tokens = set()
+        for _ in range(2):
+            assert main(["dashboard", *options]) == 2
+            assert f"cannot listen on 127.0.0.1 port {port}" in capsys.readouterr().err
+            tokens.add(path.read_text())
+    assert len(tokens) == 1 and path.stat().st_mode & 0o777 == 0o600
+
+
+def test_the_demo_shows_a_page_in_wall_time_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--dashboard"]) == 2
+    assert "--dashboard needs --realtime" in capsys.readouterr().err
+
+
+@contextmanager
+def desk(folder: Path) -> Iterator[str]:
+    """A car on a desk in a process of its own; the address of its page, with the token."""
+    (folder / "token").write_text(TOKEN)
+    command = [sys.executable, "-m", "dbw", "dashboard", "--desk", "--port", "0",
+               "--token-file", str(folder / "token")]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            url = None
+            while url is None:
+                line = process.stdout.readline()
+                assert line, "it ended"
+                url = re.search(r"http://\S+#token=\S+", line)
+            yield url.group(0)
+        finally:
+            process.send_signal(signal.SIGINT)
+            code = process.wait(60)
+    assert code == 0
+
+
+@pytest.mark.wall_clock
+def test_a_car_on_a_desk_is_engaged_driven_and_braked_by_the_page(tmp_path: Path) -> None:
+    with headless_chromium(tmp_path) as chromium:
+        for attempt in range(ATTEMPTS_MAX):
+            with desk(tmp_path) as url:
+                page = chromium.new_page()
+                page.set_default_timeout(HERE_MS_MAX)
+                page.goto(url, timeout=WAIT_MS_MAX)
+                try:
+                    drive_and_brake(page)
+                except (AssertionError, TimeoutError):
+                    skip_if_busy(attempt, page.inner_text("#log"))
+                else:
+                    return
+                finally:
+                    page.close()
+
+
+def drive_and_brake(page: Page) -> None:
+    """From MANUAL through a drive and an emergency brake back to MANUAL."""
+    mode, why, speed = (page.locator(f"#{name}") for name in ("mode", "why", "speed"))
+    expect(mode).to_have_text("MANUAL", timeout=WAIT_MS_MAX)
+    expect(why).to_have_text(re.compile("button|latched"), timeout=HERE_MS_MAX)
+    if "latched" in why.inner_text():  # a machine that was busy while the car woke up
+        page.click("[data-action=reset]")
+    expect(why).to_contain_text("button", timeout=HERE_MS_MAX)
+    page.click("[data-action=button]")
+    expect(mode).to_have_text("READY", timeout=HERE_MS_MAX)
+    page.click("[data-action=engage]")
+    expect(mode).to_have_text("AUTOMATIC", timeout=HERE_MS_MAX)
+    page.locator("#pad").scroll_into_view_if_needed()
+    box = page.locator("#pad").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"]
+    page.mouse.move(x, y - 30)
+    page.mouse.down()
+    page.mouse.move(x, y - box["height"] / 2)
+    expect(speed).to_have_text(re.compile(r"^([4-9]\.|1\d)"), timeout=HERE_MS_MAX)
+    page.mouse.up()
+    page.click("#emergency")
+    expect(mode).to_have_text("EMERGENCY", timeout=HERE_MS_MAX)
+    expect(speed).to_have_text("0.0", timeout=HERE_MS_MAX)
+    expect(page.locator("#codes")).to_contain_text("ER1", timeout=HERE_MS_MAX)
+    page.click("[data-action=reset]")
+    expect(mode).to_have_text("MANUAL", timeout=HERE_MS_MAX)
