@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from experiments.chance import generator
 from experiments.result import Experiment, Outcome, Setting
 from experiments.uah.table import EXPERIMENTS as UAH
 
@@ -69,7 +68,7 @@ def run_experiments(
 
 def run_one(experiment: Experiment, seed: int, folder: Path) -> Finished:
     """Runs a single experiment: the same outcome as among all others."""
-    rng = np.random.default_rng([seed, *experiment.id.encode()])
+    rng = generator(seed, experiment.id)
     picture = folder / f"{experiment.id}.png"
     outcome = experiment.run(Setting(seed=seed, rng=rng), picture)
     return Finished(experiment=experiment, outcome=outcome, picture=picture)

@@ -230,6 +230,6 @@ def test_chance_is_made_where_a_world_is_made_and_with_a_seed(name: str) -> None
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng"):
             assert node.args, f"{name}:{node.lineno}: a generator without a seed"
             assert name.startswith(
-                ("simulation/world", "runtime/plant_process", "campaign/run", "experiments/table",
+                ("simulation/world", "runtime/plant_process", "campaign/run", "experiments/chance",
                  "dbw/", "bench/")
             )

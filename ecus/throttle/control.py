@@ -1,7 +1,9 @@
 """The speed loop: a profiled reference, feed-forward, PI with conditional integration.
 
-UAH's loop is a 10 Hz PI (Eq. 4-8). Drive torque and regeneration are one axis here; the servo's
-braking is another hand on the same speed, so the integrator freezes while it brakes.
+UAH's loop is a 10 Hz PI (Eq. 4-8). What feedback compares the speed with is what the drive can have
+made of the reference by now, so that a slow drive's lag is no error to integrate. Drive torque and
+regeneration are one axis here; the servo's braking is another hand on the same speed, so the
+integrator freezes while it brakes.
 """
 
 from __future__ import annotations
@@ -31,15 +33,16 @@ def actuator_of(acceleration_mps2: float, params: ThrottleParams) -> ThrottleAct
 class SpeedLoop:
     """Speed control at the driven wheels; one object, changed by `update` alone."""
 
-    __slots__ = ("_integral_mps2", "reference_mps")
+    __slots__ = ("_expected_mps", "_integral_mps2", "reference_mps")
 
     def __init__(self) -> None:
         self.reference_mps = 0.0
+        self._expected_mps = 0.0
         self._integral_mps2 = 0.0
 
     def start(self, speed_mps: float) -> None:
         """Begins at the measured speed: taking over must not jerk."""
-        self.reference_mps = max(speed_mps, 0.0)
+        self.reference_mps = self._expected_mps = max(speed_mps, 0.0)
         self._integral_mps2 = 0.0
 
     def update(
@@ -58,9 +61,14 @@ class SpeedLoop:
         rate = params.acceleration_mps2_max if rising else params.deceleration_mps2_max
         self.reference_mps = towards(before_mps, target_mps, rate * dt_s)
         if self.reference_mps == 0.0 and abs(speed_mps) < STANDSTILL_MPS:
-            self._integral_mps2 = 0.0
+            self._expected_mps = self._integral_mps2 = 0.0
             return IDLE
-        error_mps = self.reference_mps - speed_mps
+        if params.drive_lag_s > 0.0:
+            share = dt_s / (dt_s + params.drive_lag_s)
+            self._expected_mps += share * (self.reference_mps - self._expected_mps)
+        else:
+            self._expected_mps = self.reference_mps
+        error_mps = self._expected_mps - speed_mps
         feed_forward = params.feed_forward_gain * (self.reference_mps - before_mps) / dt_s
         resistance = math.copysign(params.rolling_resistance_mps2, self.reference_mps)
         wanted = feed_forward + resistance + params.speed_gain * error_mps + self._integral_mps2

@@ -43,9 +43,12 @@ class ThrottleParams:
     regen_deceleration_mps2_full: float
     """Deceleration at full regeneration."""
     brake_travel_s: float
+    drive_lag_s: float = 0.0
+    """From a torque demand to the torque, dead time and time constant together; 0: not modelled."""
 
     def __post_init__(self) -> None:
         assert self.drive_acceleration_mps2_full > 0.0
+        assert self.drive_lag_s >= 0.0
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> ThrottleParams:

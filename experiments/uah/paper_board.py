@@ -12,13 +12,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ecus.brake_servo.ports import BrakeActuator
 from ecus.steering.ports import SteeringActuator
 from ecus.supervisor.ports import SupervisorActuator
 from ecus.throttle.ports import ThrottleActuator, dac_code
-from experiments.response import FloatArray
+from experiments.response import FloatArray, StepFigures, step_figures
 from simulation.plant.car import Car
+from simulation.plant.params import PlantParams
 
 PERIOD_NS: Final = 100_000_000
 PERIOD_S: Final = PERIOD_NS * 1e-9
@@ -27,6 +29,9 @@ REFRESH_NS: Final = 10_000_000
 SILENCE_NS_MAX: Final = 1_000_000_000
 """UAH 4.5: no setpoint for one second stops the car and brings the wheel to zero."""
 
+BEFORE_S: Final = 0.5
+"""So long before a step the wheel's angle is averaged."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperGains:
@@ -34,8 +39,15 @@ class PaperGains:
 
     steering_duty_per_deg: float
     steering_duty_per_deg_s: float
+    steering_duty_max: float
+    """Of the motor driver's PWM: the wheel is to turn smoothly."""
     throttle_per_degps: float
     throttle_per_deg: float
+
+
+def deg_per_pulse(plant: PlantParams) -> float:
+    """Of a front wheel, for a pulse of the motor's encoder."""
+    return 360.0 / (plant.sensors.motor_pulses_per_rev * plant.traction.gear_ratio)
 
 
 class PaperPi:
@@ -61,6 +73,29 @@ class Run:
     column_angle_rad: FloatArray
     speed_mps: FloatArray
 
+    def after(self, start_s: float) -> NDArray[np.bool_]:
+        """Which samples come after a step."""
+        return self.time_s > start_s + 1e-9
+
+    def steering_deg(self, start_s: float) -> FloatArray:
+        """The wheel's way since a step, degrees: an error of its sensor's zero is no response."""
+        before = ~self.after(start_s) & (self.time_s > start_s - BEFORE_S)
+        zero_rad = float(self.column_angle_rad[before].mean())
+        return np.asarray(np.degrees(self.column_angle_rad - zero_rad))
+
+    def steering(self, start_s: float, step_rad: float, band: float) -> StepFigures:
+        """Figures of a step of the steering wheel, in degrees."""
+        after = self.after(start_s)
+        return step_figures(
+            self.time_s[after] - start_s, self.steering_deg(start_s)[after],
+            math.degrees(step_rad), band,
+        )  # fmt: skip
+
+    def speed(self, start_s: float, step_mps: float, band: float) -> StepFigures:
+        """Figures of a step of the speed from standstill, in m/s."""
+        after = self.after(start_s)
+        return step_figures(self.time_s[after] - start_s, self.speed_mps[after], step_mps, band)
+
 
 class PaperBoard:
     """The board in a car of its own.
@@ -72,10 +107,10 @@ class PaperBoard:
 
     def __init__(self, car: Car, gains: PaperGains) -> None:
         self._car = car
+        self._duty_max = gains.steering_duty_max
         self._steering = PaperPi(gains.steering_duty_per_deg, gains.steering_duty_per_deg_s)
         self._speed = PaperPi(gains.throttle_per_degps, gains.throttle_per_deg)
-        sensors, traction = car.params.sensors, car.params.traction
-        self._deg_per_pulse = 360.0 / (sensors.motor_pulses_per_rev * traction.gear_ratio)
+        self._deg_per_pulse = deg_per_pulse(car.params)
         self._count = 0
         self._setpoint_deg = 0
         self._setpoint_degps = 0
@@ -119,7 +154,7 @@ class PaperBoard:
         speed_degps = round((count - self._count) * self._deg_per_pulse / PERIOD_S)
         self._count = count
         duty = self._steering.update(self._setpoint_deg, round(math.degrees(angle_rad)))
-        self._duty = min(1.0, max(-1.0, duty))
+        self._duty = min(self._duty_max, max(-self._duty_max, duty))
         self._throttle = self._speed.update(self._setpoint_degps, speed_degps)
 
     def _refresh(self, now_ns: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.uah import accuracy, reliability, vernier
+from experiments.uah import accuracy, reliability, steps, vernier
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment(
@@ -17,6 +17,12 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         title="Errors of sensors and dimensions in curvature and speed",
         source="UAH 4.6, Eq. 15-20",
         run=accuracy.run,
+    ),
+    Experiment(
+        id="uah-steps",
+        title="Step responses of steering and speed",
+        source="UAH 5.1, Fig. 25 and 26",
+        run=steps.run,
     ),
     Experiment(
         id="uah-reliability",

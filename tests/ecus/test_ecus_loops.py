@@ -175,6 +175,28 @@ def test_speed_loop_on_a_simple_car_reaches_the_speed_without_overshoot() -> Non
     assert max(accelerations) <= 1.5 * 1.15
 
 
+def _lagging_overshoot(drive_lag_s: float) -> float:
+    """Of a car whose drive takes 0.4 s, driven by a loop that allows for so much; m/s."""
+    loop, params = SpeedLoop(), replace(SPEED, drive_lag_s=drive_lag_s)
+    speed = drive = highest = 0.0
+    for _ in range(1000):
+        asked = loop.update(4.0, speed, DT_S, params, is_servo_braking=False)
+        drive += DT_S / 0.4 * (_acceleration(asked) - drive)
+        speed = max(speed + (drive - (SPEED.rolling_resistance_mps2 if speed else 0.0)) * DT_S, 0.0)
+        highest = max(highest, speed)
+    return highest - 4.0
+
+
+def test_a_speed_loop_that_allows_for_a_slow_drive_does_not_overshoot() -> None:
+    assert _lagging_overshoot(0.0) > 0.25
+    assert _lagging_overshoot(0.4) < 0.05
+    loop = SpeedLoop()  # and begins again where it is
+    loop.start(3.0)
+    params = replace(SPEED, drive_lag_s=0.4)
+    held = loop.update(3.0, 3.0, DT_S, params, is_servo_braking=False)
+    assert _acceleration(held) == pytest.approx(SPEED.rolling_resistance_mps2, abs=0.01)
+
+
 def test_speed_loop_climbs_and_regenerates_to_standstill() -> None:
     loop = SpeedLoop()
     loop.start(5.0)
