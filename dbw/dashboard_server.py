@@ -11,16 +11,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canbus.heard import Heard
-from canbus.listener import SOCKETCAN, Listener, PythonCanListener, SocketcanListener
+from canbus.listener import Listener
 from dbc.messages import SPECS
 from dbw.dashboard_controls import CarControls
 from dbw.failures import UserMistake
+from dbw.listening import listener_of
 from gateway.connect import connect
 from runtime.clock import NS_PER_S, local_text, monotonic_ns, realtime_ns
 from runtime.realtime import RealtimeSettings, apply_realtime
 from telemetry.dashboard.access import Access
 from telemetry.dashboard.picture import HumanClock, Picture
 from telemetry.dashboard.server import Server, listen
+from telemetry.monitor.filters import Source
 from vehicles import Vehicle
 
 if TYPE_CHECKING:
@@ -45,6 +47,10 @@ class Setup:
     bitrate_bps: int | None = None
     harness_channel: str | None = None
     with_gateway: bool = False
+
+    def listener(self) -> Listener:
+        """Hears every frame of the vehicle bus."""
+        return listener_of(self.interface, [Source(channel=self.channel)], self.bitrate_bps)
     foxglove_port: int | None = None
 
 
@@ -78,7 +84,7 @@ def open_dashboard(setup: Setup) -> Iterator[Dashboard]:
     bitrate_bps = setup.bitrate_bps or round(vehicle.bus.bitrate_bps)
     with ExitStack() as stack:
         listening = stack.enter_context(listen(setup.host, setup.port))
-        listener = stack.enter_context(_listener_of(setup))
+        listener = stack.enter_context(setup.listener())
         car = None
         if setup.with_gateway:
             car = stack.enter_context(
@@ -135,7 +141,7 @@ def dashboard_beside(setup: Setup) -> Iterator[Dashboard]:
 def gateway_is_heard(setup: Setup) -> bool:
     """Whether somebody sends what only a gateway may send."""
     deadline_ns = monotonic_ns() + LOOK_NS
-    with _listener_of(setup) as listener:
+    with setup.listener() as listener:
         while (rest_ns := deadline_ns - monotonic_ns()) > 0:
             if any(_is_gateways(heard) for heard in listener.hear(rest_ns)):
                 return True
@@ -155,18 +161,6 @@ def _foxglove_of(setup: Setup, port: int) -> FoxgloveServer:
             "--foxglove needs foxglove-sdk: pip install can-by-wire[foxglove]"
         ) from error
     return FoxgloveServer(setup.channel, setup.host, port)
-
-
-def _listener_of(setup: Setup) -> Listener:
-    if setup.interface == SOCKETCAN:
-        return SocketcanListener([setup.channel], realtime=realtime_ns)
-    return PythonCanListener(
-        setup.interface,
-        [setup.channel],
-        clock=monotonic_ns,
-        realtime=realtime_ns,
-        bitrate=setup.bitrate_bps,
-    )
 
 
 def _about(setup: Setup) -> dict[str, object]:
