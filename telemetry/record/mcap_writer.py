@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from canbus.heard import Heard
-from telemetry.databases import Databases, Message, Signal
-from telemetry.decode.export import NAME_SUFFIX, columns_of
-from telemetry.decode.tables import VERDICTS, Decoder, Names, Table
+from telemetry.databases import Databases
+from telemetry.decode.export import columns_of
+from telemetry.decode.tables import Decoder, Names, Table
 from telemetry.logs.frames import ChannelNames, columns_of_heard
 from telemetry.logs.mcap_raw import BUS_KEY, RAW_SCHEMA_NAME, raw_json, raw_schema
 from telemetry.record.log_file import LogFile
 from telemetry.record.mcap_file import McapFile, Messages
+from telemetry.schemas import schema_of
 
 NOT_SIGNALS: Final = ("time_ns", "channel")
-VERDICT: Final = "verdict"
 
 
 class McapWriter:
@@ -78,8 +78,10 @@ class McapWriter:
         if key not in self._decoded:
             metadata = {BUS_KEY: bus, "id": f"0x{message.frame_id:X}",
                         "sender": ", ".join(message.senders)}  # fmt: skip
+            has_verdict = table.protection is not None
+            schema = json.dumps(schema_of(message, has_verdict=has_verdict)).encode()
             self._decoded[key] = self._mcap.add_channel(
-                f"/{bus}/{message.name}", message.name, schema_of(table), metadata
+                f"/{bus}/{message.name}", message.name, schema, metadata
             )
         return self._decoded[key]
 
@@ -106,30 +108,3 @@ def _fragments(name: str, column: Any) -> list[str]:
         return [f"{key}:{value}," for value in column.tolist()]
     finite = math.isfinite
     return [f"{key}:{value:.12g}," if finite(value) else "" for value in column.tolist()]
-
-
-def schema_of(table: Table) -> bytes:
-    """The JSON schema of a message."""
-    properties: dict[str, Any] = {}
-    if table.protection is not None:
-        properties[VERDICT] = {"type": "string", "enum": list(VERDICTS)}
-    for signal in table.message.signals:
-        properties[signal.name] = _property(signal)
-        if signal.choices:
-            names = [str(text) for text in signal.choices.values()]
-            properties[f"{signal.name}{NAME_SUFFIX}"] = {"type": "string", "enum": names}
-    schema = {"title": table.message.name, "type": "object", "properties": properties}
-    return json.dumps(schema | _described(table.message)).encode()
-
-
-def _property(signal: Signal) -> dict[str, Any]:
-    is_whole = not signal.is_float and all(
-        float(number).is_integer() for number in (signal.scale, signal.offset)
-    )
-    text = "; ".join(part for part in (signal.unit, signal.comment) if part)
-    kind = {"type": "integer" if is_whole else "number"}
-    return kind | ({"description": text} if text else {})
-
-
-def _described(message: Message) -> dict[str, str]:
-    return {"description": message.comment} if message.comment else {}
