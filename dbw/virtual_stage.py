@@ -9,6 +9,7 @@ from dbw.plan import DrivePlan
 from gateway.api import Car
 from planner.gnss import GnssFix, GnssReceiver
 from simulation.link import SimulationLink
+from simulation.plant.params import PlantParams
 from simulation.plant.state import Pose
 from simulation.world import World
 from telemetry.bus_log import BusLog
@@ -24,15 +25,17 @@ class VirtualStage:
     Args:
         plan: Its line's start is where the car stands.
         seed: Of everything that is left to chance.
+        plant: The truth; by default that of the vehicle's name.
     """
 
-    def __init__(self, plan: DrivePlan, seed: int) -> None:
+    def __init__(self, plan: DrivePlan, seed: int, plant: PlantParams | None = None) -> None:
         start = plan.line.start
         self.world = World(
             plan.vehicle,
             seed,
             planner_period_ns=plan.planner_period_ns,
             start_pose=Pose(x_m=start.x_m, y_m=start.y_m, heading_rad=start.heading_rad),
+            plant=plant,
             keep_frames=False,
         )
         self.log = BusLog()

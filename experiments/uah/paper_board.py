@@ -8,8 +8,9 @@ motor driver and the DAC hold. Without a setpoint for 1 s the car stops and the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from ecus.throttle.ports import ThrottleActuator, dac_code
 from experiments.response import FloatArray, StepFigures, step_figures
 from simulation.plant.car import Car
 from simulation.plant.params import PlantParams
+from simulation.plant.state import Truth
+from telemetry.recording import STANDSTILL_MPS
 
 PERIOD_NS: Final = 100_000_000
 PERIOD_S: Final = PERIOD_NS * 1e-9
@@ -65,6 +68,16 @@ class PaperPi:
         return error * self._proportional + self._integral
 
 
+Sample = tuple[float, float, float, float, float]
+"""Time, angle of the steering column, speed, position; true ones, SI units."""
+
+
+def sample(truth: Truth) -> Sample:
+    """Of the car now."""
+    return (truth.time_ns * 1e-9, truth.column_angle_rad, truth.speed_mps, truth.pose.x_m,
+            truth.pose.y_m)  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:
     """What the car did, at the true times of the samples, each of shape (N,)."""
@@ -72,6 +85,21 @@ class Run:
     time_s: FloatArray
     column_angle_rad: FloatArray
     speed_mps: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+
+    @classmethod
+    def of(cls, samples: Sequence[Sample]) -> Self:
+        """From what was noted, at least one sample."""
+        time_s, column_angle_rad, speed_mps, x_m, y_m = np.array(samples).T
+        return cls(time_s=time_s, column_angle_rad=column_angle_rad, speed_mps=speed_mps,
+                   x_m=x_m, y_m=y_m)  # fmt: skip
+
+    @property
+    def moving(self) -> Run:
+        """The part in which the car moves."""
+        kept = np.abs(self.speed_mps) > STANDSTILL_MPS
+        return Run(**{field.name: getattr(self, field.name)[kept] for field in fields(self)})
 
     def after(self, start_s: float) -> NDArray[np.bool_]:
         """Which samples come after a step."""
@@ -116,9 +144,10 @@ class PaperBoard:
         self._setpoint_degps = 0
         self._told_ns = 0
         self._now_ns = 0
+        self._measured_deg = self._measured_degps = 0
         self._duty = 0.0
         self._throttle = 0.0
-        self._samples: list[tuple[float, float, float]] = []
+        self._samples: list[Sample] = []
         car.actuate_supervisor(0, SupervisorActuator(automatic_relay_closed=True))
 
     def tell(self, wheel_rad: float, wheel_radps: float) -> None:
@@ -137,14 +166,17 @@ class PaperBoard:
             self._refresh(self._now_ns)
             self._now_ns += REFRESH_NS
             self._car.advance(self._now_ns)
-            truth = self._car.truth
-            self._samples.append((self._now_ns * 1e-9, truth.column_angle_rad, truth.speed_mps))
+            self._samples.append(sample(self._car.truth))
 
     @property
     def run(self) -> Run:
         """All that happened so far."""
-        time_s, angle_rad, speed_mps = np.array(self._samples).T
-        return Run(time_s=time_s, column_angle_rad=angle_rad, speed_mps=speed_mps)
+        return Run.of(self._samples)
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """What the board reports: steering wheel, rad, and front wheel, rad/s."""
+        return math.radians(self._measured_deg), math.radians(self._measured_degps)
 
     def _control(self, now_ns: int) -> None:
         if now_ns - self._told_ns > SILENCE_NS_MAX:
@@ -153,7 +185,8 @@ class PaperBoard:
         count = self._car.sense_throttle(now_ns).encoder_count
         speed_degps = round((count - self._count) * self._deg_per_pulse / PERIOD_S)
         self._count = count
-        duty = self._steering.update(self._setpoint_deg, round(math.degrees(angle_rad)))
+        self._measured_deg, self._measured_degps = round(math.degrees(angle_rad)), speed_degps
+        duty = self._steering.update(self._setpoint_deg, self._measured_deg)
         self._duty = min(self._duty_max, max(-self._duty_max, duty))
         self._throttle = self._speed.update(self._setpoint_degps, speed_degps)
 

@@ -6,10 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from dbc.messages import Mode, Request
-from experiments.uah.paper_board import Run
+from experiments.uah.paper_board import Run, Sample, sample
 from gateway.commands import Decision
 from gateway.core import PlannerInputs
 from gateway.kinematics import Kinematics
@@ -24,6 +22,12 @@ START_S: Final = 1.0
 BUTTON_S: Final = 0.15
 ENGAGE_S: Final = 0.1
 SAMPLES_PER_TICK: Final = 2
+
+
+def allow_for_lag(world: World, drive_lag_s: float) -> None:
+    """Tells the throttle ECU, which has it from no vehicle file, how slow its drive is."""
+    throttle = world.stations["Throttle"].node
+    throttle.params = replace(throttle.params, drive_lag_s=drive_lag_s)
 
 
 class Stack:
@@ -48,11 +52,10 @@ class Stack:
         self.wheel_rad = 0.0
         self.is_silent = False
         self.world = World(vehicle, seed, plant=plant, keep_frames=False)
-        throttle = self.world.stations["Throttle"].node
-        throttle.params = replace(throttle.params, drive_lag_s=drive_lag_s)
+        allow_for_lag(self.world, drive_lag_s)
         self.link = SimulationLink(self.world)
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
-        self._samples: list[tuple[float, float, float]] = []
+        self._samples: list[Sample] = []
         driver = self.world.car.driver
         self.world.run_for(START_S)
         driver.button_pressed = True
@@ -79,16 +82,14 @@ class Stack:
                 self._decide()
             for _ in range(SAMPLES_PER_TICK):
                 self.world.run_until(self.world.now_ns + TICK_NS // SAMPLES_PER_TICK)
-                truth = self.world.car.truth
-                self._samples.append((self.now_s, truth.column_angle_rad, truth.speed_mps))
+                self._samples.append(sample(self.world.car.truth))
             if then is not None:
                 then()
 
     @property
     def run(self) -> Run:
         """All that happened so far."""
-        time_s, angle_rad, speed_mps = np.array(self._samples).T
-        return Run(time_s=time_s, column_angle_rad=angle_rad, speed_mps=speed_mps)
+        return Run.of(self._samples)
 
     def _decide(self) -> None:
         curvature_per_m = self._kinematics.curvature_per_m(self.wheel_rad)

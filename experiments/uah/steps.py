@@ -41,14 +41,11 @@ from experiments.uah.stack import Stack
 from experiments.uah.tuning import (
     LAG,
     TUNED_SPEED,
-    TUNED_STEERING,
     corners,
-    with_speed,
-    with_steering,
+    tuned_vehicle,
     worst,
 )
 from simulation.plant.params import PlantParams
-from vehicles import Vehicle, load_vehicle
 
 SPEED_S = 10.0
 STEERING_S = 3.0
@@ -69,11 +66,6 @@ class Pair:
 def baseline_of(plant: PlantParams) -> Pair:
     """With the paper's board."""
     return Pair(steering=paper_steering_step(plant), speed=paper_speed_step(plant))
-
-
-def tuned_vehicle() -> Vehicle:
-    """TABBY EVO with the gains that `tuning.py` found for this plant."""
-    return with_speed(with_steering(load_vehicle("tabby_evo"), TUNED_STEERING), TUNED_SPEED)[0]
 
 
 def ours_of(plant: PlantParams, seed: int) -> Pair:

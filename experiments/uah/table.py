@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.uah import accuracy, reliability, steps, vernier
+from experiments.uah import accuracy, path, reliability, steps, vernier
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment(
@@ -23,6 +23,12 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         title="Step responses of steering and speed",
         source="UAH 5.1, Fig. 25 and 26",
         run=steps.run,
+    ),
+    Experiment(
+        id="uah-path",
+        title="Path tracking on the campus",
+        source="UAH 5.2, Fig. 27",
+        run=path.run,
     ),
     Experiment(
         id="uah-reliability",

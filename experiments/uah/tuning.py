@@ -19,8 +19,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Final
 
-import numpy as np
-
 from canbus.node import PERIOD_NS
 from ecus.brake_servo.ports import BrakeActuator
 from ecus.common.encoder import EncoderSpeed
@@ -33,7 +31,7 @@ from ecus.throttle.params import ThrottleParams
 from experiments.chance import generator
 from experiments.response import StepFigures
 from experiments.uah.baseline import PAPER_SPEED, PAPER_STEERING
-from experiments.uah.paper_board import Run
+from experiments.uah.paper_board import Run, Sample, sample
 from experiments.uah.plant import (
     SPEED_BAND,
     SPEED_STEP_MPS,
@@ -145,7 +143,7 @@ class BareLoops:
         self._speed_params = replace(ThrottleParams.of(vehicle), drive_lag_s=drive_lag_s)
         self._encoder = EncoderSpeed(self._speed_params.encoder_pulses_per_rev)
         self._now_ns = 0
-        self._samples: list[tuple[float, float, float]] = []
+        self._samples: list[Sample] = []
 
     def run_for(self, span_s: float, speed_mps: float, wheel_rad: float) -> None:
         """Drives on with these setpoints."""
@@ -166,14 +164,12 @@ class BareLoops:
             car.actuate_brake(now_ns, BrakeActuator(servo_position_ratio=0.0, servo_powered=False))
             self._now_ns = now_ns + PERIOD_NS
             car.advance(self._now_ns)
-            truth = car.truth
-            self._samples.append((self._now_ns * 1e-9, truth.column_angle_rad, truth.speed_mps))
+            self._samples.append(sample(car.truth))
 
     @property
     def run(self) -> Run:
         """All that happened so far."""
-        time_s, angle_rad, speed_mps = np.array(self._samples).T
-        return Run(time_s=time_s, column_angle_rad=angle_rad, speed_mps=speed_mps)
+        return Run.of(self._samples)
 
 
 def steering_figures(vehicle: Vehicle, plant: PlantParams, *, is_rolling: bool) -> StepFigures:
@@ -226,6 +222,11 @@ def with_speed(vehicle: Vehicle, gains: Gains) -> tuple[Vehicle, float]:
         vehicle.traction, acceleration_mps2_max=vehicle.traction.deceleration_mps2_max, **changed
     )
     return replace(vehicle, traction=traction), gains[LAG]
+
+
+def tuned_vehicle() -> Vehicle:
+    """TABBY EVO with the gains that the grids gave."""
+    return with_speed(with_steering(load_vehicle("tabby_evo"), TUNED_STEERING), TUNED_SPEED)[0]
 
 
 def worst(figures: Iterable[StepFigures]) -> StepFigures:

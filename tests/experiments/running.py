@@ -12,6 +12,9 @@ from experiments.table import Finished, experiments_of, run_one
 FAST = ("uah-vernier", "uah-accuracy", "uah-reliability")
 SLOW = tuple(one.id for one in experiments_of(()) if one.id not in FAST)
 
+KNOWN_TO_MISS = {"uah.path.baseline_max_error_m"}
+"""Rows whose goal is missed, as the documents say; a row that begins to meet it leaves this set."""
+
 
 @cache
 def once(name: str) -> Finished:
