@@ -33,7 +33,7 @@ pytestmark = pytest.mark.wall_clock
 
 ROOT = Path(__file__).parents[2]
 ATTEMPTS_MAX = 3
-LATE = re.compile(r"late|overran|silent|not heard|too old|missing|did not get ready")
+LATE = re.compile(r"\blate\b|overran|silent|not heard|too old|missing|did not get ready")
 """What a stack says, rightly, when the machine did not give it its 10 ms."""
 
 
