@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.uah import accuracy, path, reliability, steps, vernier
+from experiments.uah import accuracy, path, reliability, silence, steps, vernier
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment(
@@ -17,6 +17,12 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         title="Errors of sensors and dimensions in curvature and speed",
         source="UAH 4.6, Eq. 15-20",
         run=accuracy.run,
+    ),
+    Experiment(
+        id="uah-silence",
+        title="No setpoint for a second",
+        source="UAH 4.5",
+        run=silence.run,
     ),
     Experiment(
         id="uah-steps",
