@@ -11,11 +11,9 @@ from experiments.chance import generator
 from experiments.response import StepFigures
 from experiments.uah.paper_board import (
     PERIOD_NS,
-    PERIOD_S,
     PaperBoard,
     PaperGains,
     Run,
-    deg_per_pulse,
 )
 from experiments.uah.plant import (
     PAPER_GAINS,
@@ -27,17 +25,12 @@ from experiments.uah.plant import (
     WHEEL_STEP_RAD,
 )
 from simulation.plant.car import Car
-from simulation.plant.params import TABBY_EVO, PlantParams
+from simulation.plant.params import PlantParams
 from vehicles import load_vehicle
 
 WHEEL_RADIUS_M: Final = load_vehicle("tabby_evo").geometry.wheel_radius_m
 STEADY_MPS: Final = float(np.radians(20.0)) * WHEEL_RADIUS_M
 """UAH 5.1: +-20 deg/s of wheel."""
-PULSE_PERCENT: Final = float(
-    100.0 * np.radians(deg_per_pulse(TABBY_EVO) / PERIOD_S) * WHEEL_RADIUS_M / SPEED_STEP_MPS
-)
-"""One pulse of the paper's encoder in 100 ms, over the step: no finer can it tell an overshoot."""
-
 PAPER_STEERING: Final = StepFigures(
     dead_time_s=0.100, rise_s=0.650, settling_s=0.799, overshoot_percent=3.92, steady_error=4.0
 )

@@ -25,7 +25,6 @@ from experiments.result import (
 from experiments.uah.baseline import (
     PAPER_SPEED,
     PAPER_STEERING,
-    PULSE_PERCENT,
     Step,
     paper_speed_step,
     paper_steering_step,
@@ -49,7 +48,6 @@ from simulation.plant.params import PlantParams
 
 SPEED_S = 10.0
 STEERING_S = 3.0
-DEGREE_PERCENT = 100.0 / float(np.degrees(WHEEL_STEP_RAD))
 """Of the step: the paper's board measures in whole degrees."""
 STEADY_SHARE = 0.25
 """Of the paper's steady-state error: the goal."""
@@ -110,8 +108,12 @@ _NOTES = (
     "faster drive no gains gave the paper's dead time and rise together. Both controllers run on "
     "it. The paper's four gains, a bound on the steering motor's duty and the time that a setpoint "
     "waits for the next cycle of its task (30 and 90 of 100 ms) are fitted; nothing else is.",
-    "The overshoots are compared to the fineness of the paper's own measurement: a degree of 90, "
-    "and one encoder pulse in 100 ms, which is 1.2 % of the step.",
+    "The baseline's overshoots miss the 10 % by which the other figures are judged. They are off "
+    "by less than the paper's board could tell: a degree of 90, and one encoder pulse in 100 ms, "
+    "which is 1.2 % of the step.",
+    "The plant's lag and the band of 2 % were chosen by hand so that the baseline fits best; no "
+    "script repeats that choice. The rule by which our gains are picked was settled after looking "
+    "at what earlier rules picked. One seed.",
     "Ours: gains of experiments/uah/tuning.py (a grid over the corners below), an acceleration "
     "limit of 2.0 m/s2 (the vehicle file's limit for braking; the paper's loop asks for all the "
     "motor has), and a speed loop that allows for 0.35 s of drive lag (its drive_lag_s). "
@@ -126,14 +128,6 @@ def _row(
     return Row(id=f"uah.steps.{axis}.{name}", paper="uah", quantity=quantity, unit=unit,
                paper_value=values[0], baseline_value=values[1], ours_value=values[2],
                goals=goals)  # fmt: skip
-
-
-def baseline_within_points(points: float, of: str) -> Goal:
-    """As near as the paper could measure."""
-    return Goal(
-        f"baseline within {points:.1f} points of the paper ({of})",
-        lambda row: abs(row.baseline_value - row.paper_value) <= points,
-    )
 
 
 def _triple(
@@ -153,8 +147,7 @@ def _steering_rows(baseline: StepFigures, ours: StepFigures) -> list[Row]:
         row("dead_time_s", "dead time", "s", near),
         row("rise_s", "rise to 90 %", "s", near),
         row("settling_s", "settling, 5 %", "s", near, ours_at_most_share(0.5)),
-        row("overshoot_percent", "overshoot", "%",
-            baseline_within_points(DEGREE_PERCENT, "one degree"), ours_at_most_share(1.0)),
+        row("overshoot_percent", "overshoot", "%", near, ours_at_most_share(1.0)),
         row("steady_error", "steady-state error", "deg", baseline_at_most_paper(),
             ours_at_most(STEADY_SHARE * paper.steady_error, "deg")),
     ]  # fmt: skip
@@ -172,8 +165,7 @@ def _speed_rows(count: int, baseline: StepFigures, ours: StepFigures) -> list[Ro
         row("dead_time_s", "dead time", "s", near),
         row("rise_s", "rise to 90 %", "s", near),
         row("settling_s", "settling, 2 %", "s", near, ours_at_most_share(0.6)),
-        row("overshoot_percent", "overshoot", "%",
-            baseline_within_points(PULSE_PERCENT, "one pulse"), ours_at_most_share(1.0)),
+        row("overshoot_percent", "overshoot", "%", near, ours_at_most_share(1.0)),
         row("steady_error", "steady-state error", "m/s", baseline_at_most_paper(),
             ours_at_most_share(1.0)),
     ]  # fmt: skip

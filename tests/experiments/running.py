@@ -12,7 +12,12 @@ from experiments.table import Finished, experiments_of, run_one
 FAST = ("uah-vernier", "uah-accuracy", "uah-reliability")
 SLOW = tuple(one.id for one in experiments_of(()) if one.id not in FAST)
 
-KNOWN_TO_MISS = {"uah.path.baseline_max_error_m"}
+KNOWN_TO_MISS = {
+    "uah.path.baseline_max_error_m",
+    "uah.steps.steering.overshoot_percent",
+    "uah.steps.speed_2_people.overshoot_percent",
+    "uah.steps.speed_4_people.overshoot_percent",
+}
 """Rows whose goal is missed, as the documents say; a row that begins to meet it leaves this set."""
 
 
