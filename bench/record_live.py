@@ -59,7 +59,7 @@ def main() -> None:
             recorder.add(listener.hear(NS_PER_S // 10), monotonic_ns())
         lost, frames = listener.lost, recorder.frames
         start_ns, cpu_s = monotonic_ns(), time.process_time()
-        record_from(listener, recorder, selection, seconds)
+        record_from(listener, recorder, selection, seconds, lambda: False)
         cpu_s = time.process_time() - cpu_s
         wall_s = (monotonic_ns() - start_ns) / NS_PER_S
         answer = {

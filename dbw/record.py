@@ -135,12 +135,16 @@ def run_record(options: RecordOptions) -> int:
     if rotation.files_max is not None and not rotation.is_wanted:
         raise UserMistake("--max-files without --rotate-size or --rotate-every: there is one file")
     setting = setting_of(kind, options.dbc, relaxed=options.relaxed)
-    with listener_of(options.interface, sources, options.bitrate_bps) as listener:
+    with (
+        until_signal() as is_stopped,
+        listener_of(options.interface, sources, options.bitrate_bps) as listener,
+    ):
         recorder = Recorder(out, kind, setting, rotation, monotonic_ns())
         gc.freeze()  # what is there will stay
         click.echo(f"recording {', '.join(channels_of(sources))} to {recorder.paths[-1]}", err=True)
         try:
-            record_from(listener, recorder, Selection(sources=tuple(sources)), options.duration_s)
+            selection = Selection(sources=tuple(sources))
+            record_from(listener, recorder, selection, options.duration_s, is_stopped)
             code = EXIT_OK
         except RecordingError as error:
             complain(error)
@@ -182,9 +186,15 @@ def _default_path() -> Path:
 
 
 def record_from(
-    listener: Listener, recorder: Recording, selection: Selection, duration_s: int | None
+    listener: Listener,
+    recorder: Recording,
+    selection: Selection,
+    duration_s: int | None,
+    is_stopped: Callable[[], bool],
 ) -> None:
-    """Listens until a signal, or the end of the duration; the file is complete then.
+    """Listens until it is stopped, or the end of the duration; the file is complete then.
+
+    What has come until then is recorded, however early that is.
 
     Raises:
         RecordingError: It had to end before; the file is closed.
@@ -194,25 +204,27 @@ def record_from(
     end_ns = sys.maxsize if duration_s is None else monotonic_ns() + duration_s * NS_PER_S
     is_filtered = any(source.filters for source in selection.sources)
     lost = 0
-    with _until_signal() as is_stopped:
-        now_ns = monotonic_ns()
-        while not is_stopped() and now_ns < end_ns:
+    now_ns = monotonic_ns()
+    is_last = False
+    while not is_last:
+        is_last = is_stopped() or now_ns >= end_ns
+        if not is_last:
             select.select([], [], [], GATHER_S)
-            heard = listener.hear(min(WAIT_NS, end_ns - now_ns))
-            if is_filtered:
-                heard = [item for item in heard if selection.passes(item, None)]
-            now_ns = monotonic_ns()
-            recorder.add(heard, now_ns)
-            if listener.lost != lost:
-                new, lost = listener.lost - lost, listener.lost
-                click.echo(f"dbw: {new} frames lost, not read in time ({lost} in all)", err=True)
-            for note in listener.notes():
-                click.echo(f"dbw: {note}", err=True)
-        recorder.close(now_ns)
+        heard = listener.hear(0 if is_last else min(WAIT_NS, end_ns - now_ns))
+        if is_filtered:
+            heard = [item for item in heard if selection.passes(item, None)]
+        now_ns = monotonic_ns()
+        recorder.add(heard, now_ns)
+        if listener.lost != lost:
+            new, lost = listener.lost - lost, listener.lost
+            click.echo(f"dbw: {new} frames lost, not read in time ({lost} in all)", err=True)
+        for note in listener.notes():
+            click.echo(f"dbw: {note}", err=True)
+    recorder.close(now_ns)
 
 
 @contextmanager
-def _until_signal() -> Iterator[Callable[[], bool]]:
+def until_signal() -> Iterator[Callable[[], bool]]:
     """Ctrl-C and SIGTERM between two batches, not within one."""
     came: list[int] = []
 

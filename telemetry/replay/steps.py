@@ -72,12 +72,13 @@ def find_steps(
     if not starts_ns:
         return []
     cyclic = _cyclic_arrivals(node, vehicle_bus)
-    arrivals = _with_commands([item.arrival_ns for item in commands], cyclic)
+    command_ns = [item.arrival_ns for item in commands]
+    arrivals = _with_commands(command_ns, cyclic)
     for arrival in (*(_Arrival(time_ns, None) for time_ns in starts_ns), *cyclic):
         if arrival.frame_ns is None:
             _add(arrivals, arrival)
     for start_ns in starts_ns:
-        _fill(arrivals, start_ns)
+        _fill(arrivals, start_ns, frozenset(command_ns))
     begin_ns = starts_ns[0] - PERIOD_NS // 2
     return [
         Step(arrival.time_ns - LEAD_NS, arrival.frame_ns)
@@ -136,9 +137,11 @@ def _with_commands(command_ns: Sequence[int], cyclic: Iterable[_Arrival]) -> lis
         if arrival.frame_ns is None:
             continue
         place = bisect_right(command_ns, arrival.frame_ns)
-        time_ns = command_ns[place - 1] if place else 0
-        is_shared = arrival.frame_ns - time_ns < PERIOD_NS // 2 and frame_of[time_ns] is None
-        frame_of[time_ns if is_shared else arrival.frame_ns] = arrival.frame_ns
+        time_ns = command_ns[place - 1] if place else arrival.frame_ns
+        is_far = arrival.frame_ns - time_ns >= PERIOD_NS // 2
+        if is_far or frame_of.get(time_ns) is not None:
+            time_ns = arrival.frame_ns
+        frame_of[time_ns] = arrival.frame_ns
     return [_Arrival(time_ns, frame_of[time_ns]) for time_ns in sorted(frame_of)]
 
 
@@ -150,10 +153,17 @@ def _add(arrivals: list[_Arrival], new: _Arrival) -> None:
         arrivals.insert(place, new)
 
 
-def _fill(arrivals: list[_Arrival], start_ns: int) -> None:
-    """Puts steps between a start and the next sign of a node that is silent until then."""
+def _fill(arrivals: list[_Arrival], start_ns: int, command_ns: frozenset[int]) -> None:
+    """Puts steps between a start and the next sign of a node that said nothing but its boot-up.
+
+    One whose first step has a command or a cyclic frame shows every step, and has none between.
+    """
     first = bisect_left(arrivals, start_ns - PERIOD_NS // 2, key=lambda arrival: arrival.time_ns)
-    if first + 1 < len(arrivals) and arrivals[first + 1].frame_ns is not None:
-        from_ns, to_ns = arrivals[first].time_ns, arrivals[first + 1].time_ns
+    if first + 1 >= len(arrivals):
+        return
+    start, after = arrivals[first : first + 2]
+    is_silent = start.frame_ns is None and start.time_ns not in command_ns
+    if is_silent and after.frame_ns is not None:
+        from_ns, to_ns = start.time_ns, after.time_ns
         count = max(1, round((to_ns - from_ns) / PERIOD_NS))
         arrivals[first + 1 : first + 1] = _between(from_ns, to_ns, count)

@@ -10,15 +10,19 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from canbus.node import Node
+from canbus.node import PERIOD_NS, Node
 from dbc.endpoint import sent_by
 from dbc.harness import SPECS as HARNESS_SPECS
 from dbc.messages import SPECS
 from telemetry.replay.comparison import Comparison, resolutions_of
 from telemetry.replay.steps import Step, boot_up_of, cyclic_id, find_steps
+
+EARS_NS: Final = PERIOD_NS
+"""A node that is started opens its bus and steps about a cycle later: what came before that, it has
+not heard."""
 
 
 class ReplayError(ValueError):
@@ -154,18 +158,21 @@ class _Run:
         """All steps in order; a node that was started anew in the record is so here."""
         for number, step in enumerate(self._steps):
             is_boot = self._boot_up in self.recorded[number]
-            output = self._node.step(step.now_ns, *self._given(number, step.now_ns))
+            since_ns = step.now_ns - EARS_NS if number == 0 else 0
+            output = self._node.step(step.now_ns, *self._given(number, since_ns))
             if is_boot and self._boot_up not in output.frames:
                 self._node, self._wires = self._build(), self._wire()
-                output = self._node.step(step.now_ns, *self._given(number, step.now_ns))
+                output = self._node.step(step.now_ns, *self._given(number, step.now_ns - EARS_NS))
                 self.restarts.append(number)
             self.sent.append(output.frames)
             has_command = output.actuator is not None
             self.commands.append(self._wires.frames(output.actuator) if has_command else ())
 
-    def _given(self, number: int, now_ns: int) -> tuple[Sequence[ReceivedFrame], Any]:
-        self._wires.take(self._readings[number])
-        return self._inputs[number], self._wires.sensors(now_ns)
+    def _given(self, number: int, since_ns: int) -> tuple[Sequence[ReceivedFrame], Any]:
+        """What the node has heard for a step, nothing of it before `since_ns`, and its sensors."""
+        self._wires.take(self._readings[number])  # the newest counts, if it is not stale
+        heard = [item for item in self._inputs[number] if item.arrival_ns >= since_ns]
+        return heard, self._wires.sensors(self._steps[number].now_ns)
 
     def _is_input(
         self, item: ReceivedFrame, own: frozenset[int], cyclic: int, seen: set[int | None]

@@ -51,6 +51,19 @@ def hear(monkeypatch: pytest.MonkeyPatch, *batches: list[Heard]) -> Ears:
     return ears
 
 
+def test_ctrl_c_before_the_first_batch_loses_nothing_that_has_come(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(*_: object) -> Ears:
+        os.kill(os.getpid(), signal.SIGINT)  # while the bus is being opened
+        return Ears(FRAMES[:5])
+
+    monkeypatch.setattr("dbw.record.listener_of", opened)
+    path = tmp_path / "a.log"
+    out, _ = run("record", capsys, "vcan0", "--out", path)
+    assert out == f"5 frames recorded, {path}\n"
+
+
 @pytest.mark.parametrize("ending", [".log", ".asc", ".blf", ".mcap"])
 def test_ctrl_c_ends_a_recording_well(
     ending: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch

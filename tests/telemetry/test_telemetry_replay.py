@@ -194,6 +194,27 @@ def test_a_reset_beside_a_cyclic_frame_is_no_step_of_its_own() -> None:
     assert len(find_steps("Steering", [*frames[:5], beside, *frames[5:]])) == len(frames)
 
 
+def status(counter: int, time_ms: float) -> ReceivedFrame:
+    wanted = cyclic_id("Supervisor")
+    frames = (item.frame for item in drive().vehicle_bus if item.frame.can_id == wanted)
+    found = next(frame for frame in frames if frame.data[1] & 0x0F == counter)
+    return ReceivedFrame(round(time_ms * MS), found)
+
+
+def test_a_node_that_is_late_after_its_first_step_has_no_steps_between() -> None:
+    boot = ReceivedFrame(0, boot_up_of("Supervisor"))
+    steps = find_steps("Supervisor", [boot, status(0, 0.1), status(1, 57.0), status(2, 67.0)])
+    assert [step.frame_ns for step in steps] == [100_000, 57 * MS, 67 * MS]
+
+
+def test_a_node_that_is_silent_after_its_boot_up_steps_meanwhile() -> None:
+    boot = ReceivedFrame(0, boot_up_of("Supervisor"))
+    steps = find_steps("Supervisor", [boot, status(0, 57.0)])
+    assert len(steps) == 7
+    command = ReceivedFrame(0, Frame(0x101, b"\0"))
+    assert len(find_steps("Supervisor", [boot, status(0, 57.0)], [command])) == 2
+
+
 def test_a_broken_frame_in_the_nodes_name_is_no_step() -> None:
     frames = steering_frames()
     broken = Frame(frames[0].frame.can_id, bytes(8))
