@@ -20,6 +20,7 @@ ITEM = InjectionResult(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(2400)  # some eight minutes on a quiet machine
 def test_the_matrix_in_the_docs_is_what_happens() -> None:
     assert matrix(list(run_cases())) == PATH.read_text(encoding="utf-8"), "make matrix"
 

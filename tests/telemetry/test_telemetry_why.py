@@ -34,6 +34,7 @@ def the_end(*faults: Fault) -> Incident:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(2400)  # some eight minutes on a quiet machine
 def test_what_the_docs_say_of_each_fault_is_what_is_said() -> None:
     text = document(list(answers()))
     assert text == PATH.read_text(encoding="utf-8"), "python -m campaign.explained"
