@@ -6,11 +6,31 @@ An object is index and sub-index in one number, as the upper 24 bits of a PDO ma
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
+from canbus.canopen_protocol import HEARTBEAT_ID, SDO_REQUEST_ID, SDO_RESPONSE_ID
+
 DRIVE_NODE_ID_MIN: Final = 0x11
 """Node ids of drives begin here."""
+
+EMCY_ID: Final = 0x080
+POSITION_ID: Final = 0x180  # TPDO 1: statusword, position, mode
+VELOCITY_ID: Final = 0x280  # TPDO 2: statusword, velocity, current
+TARGET_POSITION_ID: Final = 0x200  # RPDO 1: controlword, target position
+TARGET_VELOCITY_ID: Final = 0x300  # RPDO 2: controlword, target velocity
+"""Where a drive's identifiers begin, as `dbc/eds/drive.eds` has them; its node id is added."""
+
+SENT_IDS: Final = (EMCY_ID, POSITION_ID, VELOCITY_ID, SDO_RESPONSE_ID, HEARTBEAT_ID)
+"""What the drive itself sends; the rest is its master's."""
+
+
+def identifiers(node_ids: Iterable[int]) -> frozenset[int]:
+    """All identifiers in use between some drives and their masters."""
+    bases = (*SENT_IDS, TARGET_POSITION_ID, TARGET_VELOCITY_ID, SDO_REQUEST_ID)
+    return frozenset(base + node_id for node_id in node_ids for base in bases)
+
 
 ABORT_CONNECTION_OPTION: Final = 0x600700
 ERROR_CODE: Final = 0x603F00

@@ -30,12 +30,9 @@ RESET_NS: Final = 100_000_000
 """Time that a drive is given to leave FAULT after a reset."""
 
 _CONSUMER_HEARTBEAT: Final = 0x101601
-_EMCY_ID: Final = 0x080
-_POSITION_PDO_ID: Final = 0x180
-_VELOCITY_PDO_ID: Final = 0x280
 _COMMAND_PDO_ID: Final = {
-    OperationMode.PROFILE_POSITION: 0x200,
-    OperationMode.PROFILE_VELOCITY: 0x300,
+    OperationMode.PROFILE_POSITION: cia402.TARGET_POSITION_ID,
+    OperationMode.PROFILE_VELOCITY: cia402.TARGET_VELOCITY_ID,
 }
 _COMMAND: Final = struct.Struct("<Hi")
 _POSITION: Final = struct.Struct("<Hib")
@@ -135,8 +132,7 @@ class DriveClient:
             )
         self.node_id = node_id
         self.mode = mode
-        ids = (_EMCY_ID, _POSITION_PDO_ID, _VELOCITY_PDO_ID, cia301.SDO_RESPONSE_ID)
-        self.acceptance = frozenset(base + node_id for base in (*ids, cia301.HEARTBEAT_ID))
+        self.acceptance = frozenset(base + node_id for base in cia402.SENT_IDS)
         self.state: PowerState | None = None
         self.position = 0
         self.velocity_rpm = 0
@@ -210,13 +206,13 @@ class DriveClient:
         try:
             if frame.kind is not FrameKind.DATA:
                 self.bad_frames += 1
-            elif base == _POSITION_PDO_ID:
+            elif base == cia402.POSITION_ID:
                 word, self.position, self._mode_shown = _POSITION.unpack(data)
                 self.state, self._position_ns = state_of(word), item.arrival_ns
-            elif base == _VELOCITY_PDO_ID:
+            elif base == cia402.VELOCITY_ID:
                 word, self.velocity_rpm, _ = _VELOCITY.unpack(data)
                 self.state, self._velocity_ns = state_of(word), item.arrival_ns
-            elif base == _EMCY_ID:
+            elif base == cia402.EMCY_ID:
                 (code,) = _EMERGENCY.unpack(data)
                 self.error_code = code or self.error_code
             elif base == cia301.HEARTBEAT_ID:

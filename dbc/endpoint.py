@@ -111,13 +111,19 @@ class Endpoint:
         node: The DBC's name of the node.
         subscribed: Messages it listens to.
         hand_on: Identifiers of frames that are somebody else's to read: CANopen's.
+        known: Identifiers that are in no DBC file and no stranger's: the drives'.
     """
 
     def __init__(
-        self, node: str, subscribed: Iterable[str], hand_on: frozenset[int] = frozenset()
+        self,
+        node: str,
+        subscribed: Iterable[str],
+        hand_on: frozenset[int] = frozenset(),
+        known: frozenset[int] = frozenset(),
     ) -> None:
         self.node = node
         self._hand_on = hand_on
+        self._known = known
         self._own = sent_by(node)
         self._of_name = {name: Subscription(SPEC_OF_NAME[name]) for name in subscribed}
         self._of_id: list[Subscription | None] = [None] * (CAN_ID_MAX + 1)
@@ -182,6 +188,8 @@ class Endpoint:
         elif wanted is not None:
             wanted.check.judge(None)
             self._ignore(item, FrameFault.KIND)
+        elif frame.kind is _DATA and frame.can_id in self._known:
+            return
         elif frame.can_id in self._own or frame.can_id not in SPECS:
             self.foreign.append(item)
 

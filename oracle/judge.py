@@ -20,6 +20,7 @@ from oracle.driver import (
     RelayOpenUnderDriver,
     SteeringCoasts,
 )
+from oracle.drives import drive_owners
 from oracle.engaging import EngagedInOrder, StartsUp
 from oracle.hazards import HazardAnswered, HazardEndsBraked
 from oracle.latches import CodesLatched, EmergencyLatched
@@ -87,7 +88,8 @@ class Oracle:
         self._counts: dict[str, int] = {}
         by_name = self.scene.channels
         self._channels = {channel.can_id: channel for channel in by_name.values()}
-        self._nodes = node_names()
+        self._drive_owners = drive_owners(vehicle)
+        self._nodes = node_names().union(self._drive_owners.values())
         self._pending: list[Sample | tuple[int, str, Frame]] = []
         self._strangers = 0
         self._corruptions = 0
@@ -142,7 +144,9 @@ class Oracle:
         if sender not in self._nodes:
             self._strangers += 1
         elif channel is None or channel.name not in FREE_FOR_ALL:
-            owner = None if channel is None else channel.sender
+            owner = channel.sender if channel else self._drive_owners.get(frame.can_id)
+            if owner == sender:
+                return
             self._on_other(true_ns, frame.can_id, sender, owner)
 
     def on_corruption(self, sender: str, sent: Frame, heard: Frame) -> None:

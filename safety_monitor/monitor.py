@@ -13,6 +13,7 @@ from typing import Final
 
 from canbus.canopen_node import CanopenNode
 from canbus.canopen_protocol import NmtState
+from canbus.cia402 import identifiers
 from canbus.cycle import CycleFault, CycleWatch
 from canbus.frame import Frame, FrameKind, ReceivedFrame
 from canbus.node import NODE_IDS, Event, EventKind, StepOutput
@@ -96,7 +97,10 @@ class SafetyMonitor:
             parameters={name: getattr(self._limits, name) for name in EXPOSED},
         )
         self._endpoint = Endpoint(
-            NAME, ["FAILSAFE", *(spec.name for spec in _WATCHED)], self._canopen.acceptance
+            NAME,
+            ["FAILSAFE", *(spec.name for spec in _WATCHED)],
+            self._canopen.acceptance,
+            identifiers(vehicle.drive_node_ids),
         )
         self._cyclic = [
             self._endpoint.subscription(spec.name) for spec in _WATCHED if spec.timeout_ns

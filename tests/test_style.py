@@ -87,7 +87,7 @@ def numeric_fields() -> list[str]:
     return [
         f"{section.name}.{field.name}"
         for section in fields(Vehicle)
-        if not isinstance(getattr(vehicle, section.name), str)
+        if not isinstance(getattr(vehicle, section.name), str | None)
         for field in fields(getattr(vehicle, section.name))
         if isinstance(getattr(getattr(vehicle, section.name), field.name), float)
     ]

@@ -15,6 +15,7 @@ from vehicles.vehicle import (
     Brake,
     BusSettings,
     DriverPolicy,
+    Drives,
     Envelope,
     Geometry,
     Policy,
@@ -36,6 +37,9 @@ SECTIONS: dict[str, type[Any]] = {
     "bus": BusSettings,
 }
 
+OPTIONAL_SECTIONS: dict[str, type[Any]] = {"drives": Drives}
+"""What not every car has; a section that is there must be whole."""
+
 RELATIONS: tuple[tuple[str, str, Callable[[Vehicle], float], str], ...] = (
     ("brake.on_time_s_max", "traction", lambda vehicle: STOP_MARGIN * vehicle.longest_stop_s,
      "three times the longest stop"),
@@ -53,6 +57,9 @@ RELATIONS: tuple[tuple[str, str, Callable[[Vehicle], float], str], ...] = (
      lambda vehicle: vehicle.bus.foreign_id_min, "bus.foreign_id_min"),
 )
 """A field, the other section it must fit, the least it may be, and in words."""
+
+NODE_ID_FIELDS = tuple(field.name for field in fields(Drives) if field.name.endswith("node_id"))
+"""Each names another node."""
 
 _HEADER = re.compile(r"\s*\[\s*([\w-]+)\s*\]")
 _KEY = re.compile(r"\s*([\w-]+)\s*=")
@@ -153,11 +160,13 @@ class _Reading:
         name = document.pop("name", None)
         if not isinstance(name, str) or not name:
             self._refuse("name", f"name = {name!r}: a non-empty text is wanted")
-        for section in document.keys() - SECTIONS.keys():
-            self._refuse(section, f"[{section}] is not known: allowed {', '.join(SECTIONS)}")
+        known = SECTIONS | OPTIONAL_SECTIONS
+        for section in document.keys() - known.keys():
+            self._refuse(section, f"[{section}] is not known: allowed {', '.join(known)}")
         parts = {
             section: self._section(section, document.get(section), kind)
-            for section, kind in SECTIONS.items()
+            for section, kind in known.items()
+            if section in SECTIONS or section in document
         }
         vehicle = Vehicle(name=str(name), text=self._text, **parts)
         for field, what in _broken_relations(vehicle):
@@ -203,10 +212,13 @@ class _Reading:
             self._refuse(where, f"{where} = {value!r}: allowed {', '.join(DriverPolicy)}")
             return None
         low, high = metadata["low"], metadata["high"]
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_whole = metadata.get("whole", False)
+        wanted = int if is_whole else int | float
+        is_number = isinstance(value, wanted) and not isinstance(value, bool)
         if is_number and low <= value <= high:
-            return float(value)
-        self._refuse(where, f"{where} = {value!r}: allowed {low:g} to {high:g}")
+            return int(value) if is_whole else float(value)
+        kind = ", whole" if is_whole else ""
+        self._refuse(where, f"{where} = {value!r}: allowed {low:g} to {high:g}{kind}")
         return None
 
 
@@ -232,3 +244,10 @@ def _broken_relations(vehicle: Vehicle) -> Iterator[tuple[str, str]]:
         value, low = getattr(getattr(vehicle, section), field), low_of(vehicle)
         if value < low:
             yield where, f"{where} = {value:g}: must be at least {why} ({low:g})"
+    taken: dict[int, str] = {}
+    for field in NODE_ID_FIELDS if vehicle.drives is not None else ():
+        node_id = getattr(vehicle.drives, field)
+        if node_id in taken:
+            where = f"drives.{field}"
+            yield where, f"{where} = {node_id}: {taken[node_id]} has it: one node, one id"
+        taken.setdefault(node_id, field)

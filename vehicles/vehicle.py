@@ -33,6 +33,11 @@ def number(low: float, high: float) -> Any:
     return field(metadata={"low": low, "high": high})
 
 
+def whole(low: int, high: int) -> Any:
+    """A required whole number within [low, high]: a count or a name, without a unit."""
+    return field(metadata={"low": low, "high": high, "whole": True})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
     """Dimensions of the bicycle model."""
@@ -135,6 +140,25 @@ class BusSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Drives:
+    """Motor drives of CiA 402 on the bus, in place of what is wired to steer and throttle ECU.
+
+    The section is for such cars alone. The wheels' gear is `traction.gear_ratio`.
+    """
+
+    steering_node_id: int = whole(0x11, 0x7F)
+    left_wheel_node_id: int = whole(0x11, 0x7F)
+    right_wheel_node_id: int = whole(0x11, 0x7F)
+    encoder_counts_per_rev: float = number(16.0, 1_000_000.0)
+    steering_gear_ratio: float = number(0.5, 1000.0)
+
+    @property
+    def node_ids(self) -> tuple[int, ...]:
+        """All of them: steering, left and right rear wheel."""
+        return self.steering_node_id, self.left_wheel_node_id, self.right_wheel_node_id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """A whole vehicle file."""
 
@@ -149,6 +173,12 @@ class Vehicle:
     times: Times
     policy: Policy
     bus: BusSettings
+    drives: Drives | None = None
+
+    @property
+    def drive_node_ids(self) -> tuple[int, ...]:
+        """Node ids of the drives on the bus; none on most cars."""
+        return () if self.drives is None else self.drives.node_ids
 
     @property
     def curvature_per_m_max(self) -> float:

@@ -15,6 +15,7 @@ from canbus.canopen_protocol import (
     NmtState,
     nmt_frame,
 )
+from canbus.cia402 import identifiers
 from canbus.cycle import CycleFault, CycleWatch
 from canbus.frame import Frame, ReceivedFrame
 from canbus.node import NODE_IDS, Event, EventKind
@@ -83,7 +84,8 @@ class Shell:
         self._canopen_ids = self.canopen.acceptance
         if is_nmt_master:
             self._canopen_ids -= {NMT_ID}
-        self.endpoint = Endpoint(node, subscribed, self._canopen_ids)
+        drives = identifiers(vehicle.drive_node_ids)
+        self.endpoint = Endpoint(node, subscribed, self._canopen_ids, drives)
 
     @property
     def acceptance(self) -> frozenset[int]:

@@ -36,6 +36,7 @@ from ecus.supervisor.control import (
     inhibit,
     reset_inhibit,
 )
+from ecus.supervisor.drives import DriveStarts
 from ecus.supervisor.faults import driving_faults
 from ecus.supervisor.mode import AUTHORISED, DRIVING_MODES, MODE_AFTER, RELAY_CLOSED, ModeEvent
 from ecus.supervisor.nodes import (
@@ -97,6 +98,7 @@ class SupervisorEcu:
         self.endpoint = self.shell.endpoint
         hashes = {1: dbc_hash(), 2: configuration_hash(vehicle.text)}
         self.nodes = Nodes(self.endpoint, hashes)
+        self._drives = DriveStarts(vehicle.drive_node_ids)
         self.acceptance: frozenset[int] | None = None  # everything: strangers are reported
         self.mode = Mode.INIT
         self.reset_epoch = 0
@@ -126,6 +128,7 @@ class SupervisorEcu:
         messages = shell.begin(now_ns, received)
         self._take_parameters()
         self.nodes.take(now_ns, messages)
+        self._drives.take(received)
         frames = self.nodes.check_configuration(now_ns, received)
         self._watch_strangers(now_ns, messages)
         self._take_request(messages)
@@ -382,7 +385,7 @@ class SupervisorEcu:
         if self.mode in DRIVING_MODES:
             return []
         starts = [watch.start_frame(now_ns) for watch in self.nodes.watches.values()]
-        return [frame for frame in starts if frame is not None]
+        return [frame for frame in starts if frame is not None] + self._drives.starts(now_ns)
 
 
 assert SPEC_OF_NAME["SUPERVISOR_STATE"].cycle_ns == 10_000_000

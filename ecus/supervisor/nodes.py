@@ -52,7 +52,7 @@ HEARTBEATS: Final = {
 }
 
 START_INTERVAL_NS: Final = 200_000_000
-"""A node that is not OPERATIONAL is told to start at most this often."""
+"""A node or drive that is not OPERATIONAL is told to start at most this often."""
 
 ASK_INTERVAL_NS: Final = 200_000_000
 """A node that does not tell its configuration is asked at most this often."""

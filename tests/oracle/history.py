@@ -43,7 +43,7 @@ from oracle.property import Property
 from oracle.sample import Sample
 from oracle.settings import Settings
 from oracle.words import HEARTBEATS
-from vehicles import load_vehicle
+from vehicles import Vehicle, load_vehicle
 
 TABBY = load_vehicle("tabby_evo")
 NS_PER_MS = 1_000_000
@@ -93,9 +93,11 @@ class History:
         truth: The sample's fields that differ from a parked car's.
     """
 
-    def __init__(self, kind: type[Property], **changes: Any) -> None:
+    def __init__(
+        self, kind: type[Property], vehicle: Vehicle = TABBY, **changes: Any
+    ) -> None:
         self.kind = kind
-        self.oracle = Oracle(TABBY, Settings.of(TABBY, **changes))
+        self.oracle = Oracle(vehicle, Settings.of(vehicle, **changes))
         self.says = healthy()
         self.truth: dict[str, Any] = {}
         self.now_ns = 0

@@ -23,6 +23,7 @@ from oracle.judge import KEPT_MAX, PROPERTIES, Oracle
 from oracle.nodes import SILENT_NS_OF, OneSender, RejoinsByRearming
 from oracle.property import Property
 from tests.oracle.history import REMOTE, TABBY, History
+from tests.vehicles.drive_car import CAR, LEFT, RIGHT, STEER
 
 APPLIED = {
     "STEER": ("applied_steering_wheel_angle_rad", "steering_wheel_angle_rad", 2.0),
@@ -251,6 +252,26 @@ def test_strangers_are_counted_and_failsafe_is_anybodys() -> None:
     history.hear(Frame(0x450), "stranger 2")
     report = history.oracle.finish(history.now_ns)
     assert history.broken() == [] and report.strangers == 2
+
+
+def test_each_drive_and_its_ecu_send_their_own_identifiers() -> None:
+    history = History(OneSender, CAR).run(20)
+    for drive, ecu, node_id, command in (
+        ("SteeringDrive", "Steering", STEER, 0x200), ("LeftWheelDrive", "Throttle", LEFT, 0x300),
+        ("RightWheelDrive", "Throttle", RIGHT, 0x300),
+    ):
+        for base in (0x080, 0x180, 0x280, 0x580, 0x700):
+            history.hear(Frame(base + node_id), drive)
+        for base in (command, 0x600):
+            history.hear(Frame(base + node_id), ecu)
+    assert history.broken() == []
+    history.hear(Frame(0x180 + LEFT), "RightWheelDrive")
+    history.hear(Frame(0x300 + LEFT), "Steering")
+    history.hear(Frame(0x300 + STEER), "Throttle")
+    assert history.broken() == [
+        "RightWheelDrive sends 0x192, which is LeftWheelDrive's",
+        "Steering sends 0x312, which is Throttle's", "Throttle sends 0x311, which is nobody's",
+    ]
 
 
 # The report --------------------------------------------------------------------------------------

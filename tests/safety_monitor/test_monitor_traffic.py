@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from canbus.cia402 import identifiers
 from canbus.frame import Frame, FrameKind, ReceivedFrame
 from canbus.node import EventKind
 from dbc.codec import FrameFault, decode, encode
@@ -18,6 +19,7 @@ from dbc.messages import (
     Verdict,
 )
 from tests.safety_monitor.monitor_bus import BRAKE, CAN_ID, CYCLE_MS, DENY, MS, PERMIT, MonitorBus
+from tests.vehicles.drive_car import CAR
 
 TEN_MS = [name for name, cycle_ms in CYCLE_MS.items() if cycle_ms == 10]
 
@@ -314,3 +316,14 @@ def test_one_or_two_lost_frames_of_any_message_trip_nothing(name: str, count: in
         bus.say("STEER_COMMAND", steering_wheel_angle_rad=angle_rad)
         bus.tick()
     assert bus.told_ever() == {Verdict.PERMIT}
+
+
+def test_the_drives_identifiers_are_known_where_the_vehicle_has_drives() -> None:
+    with_drives, without = MonitorBus(CAR).permitted(), MonitorBus().permitted()
+    for can_id in sorted(identifiers(CAR.drive_node_ids)):
+        for bus in (with_drives, without):
+            bus.extra.append(Frame(can_id, bytes(8)))
+        assert with_drives.tick().told == (PERMIT, MonitorReason.NONE, 0)
+        assert without.tick().told == (DENY, MonitorReason.UNKNOWN_IDENTIFIER, can_id)
+    with_drives.extra.append(Frame(0x090 + 5, bytes(8)))  # no drive of this car
+    assert with_drives.tick().told == (DENY, MonitorReason.UNKNOWN_IDENTIFIER, 0x095)

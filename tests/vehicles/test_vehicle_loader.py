@@ -45,7 +45,7 @@ def numbers() -> list[tuple[str, str, float, float]]:
     found = []
     for section in fields(Vehicle):
         part: Any = getattr(vehicle, section.name)
-        if not isinstance(part, str):
+        if not isinstance(part, str | None):
             for field in fields(part):
                 if "low" in field.metadata:
                     low, high = field.metadata["low"], field.metadata["high"]
