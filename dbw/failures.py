@@ -49,6 +49,7 @@ def is_user_mistake(error: Exception) -> bool:
         ("telemetry.logs.formats", "LogError"),
         ("telemetry.record.formats", "FormatError"),
         ("telemetry.record.recorder", "RecordingError"),
+        ("telemetry.steering_zero", "CalibrationError"),
         ("telemetry.why.freeze", "FreezeError"),
         ("simulation.faults", "FaultError"),
         ("campaign.store", "StoreError"),

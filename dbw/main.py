@@ -36,6 +36,7 @@ COMMANDS = {
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "reproduce": ("dbw.reproduce", "Run the papers' experiments again and beside this stack."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),
+    "calibrate": ("dbw.calibrate", "Measure the steering's zero, into the vehicle file."),
     "docs": ("dbw.docs", "Render a DBC to HTML: messages, layouts, timing, codes, nodes."),
     "vm": ("dbw.vm", "Run commands in a virtual machine that has SocketCAN."),
 }

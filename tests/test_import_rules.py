@@ -181,6 +181,10 @@ def test_mcap_and_mf4_are_read_and_written_in_one_place_each() -> None:
     }
 
 
+def test_tomlkit_changes_vehicle_files_in_one_place() -> None:
+    assert importers("tomlkit") == {"vehicles/writing.py"}
+
+
 def test_canopen_is_imported_in_one_place() -> None:
     assert importers("canopen") == {"canbus/canopen_device.py"}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,8 @@ RELATIONS: tuple[tuple[str, str, Callable[[Vehicle], float], str], ...] = (
     ("brake.on_time_s_max", "traction", lambda vehicle: STOP_MARGIN * vehicle.longest_stop_s,
      "three times the longest stop"),
     ("steering.sensor_angle_rad_max", "steering",
-     lambda vehicle: vehicle.steering.wheel_angle_rad_max, "steering.wheel_angle_rad_max"),
+     lambda vehicle: vehicle.steering.wheel_angle_rad_max + abs(vehicle.steering.zero_rad),
+     "steering.wheel_angle_rad_max and the size of steering.zero_rad"),
     ("envelope.speed_mps_max", "traction",
      lambda vehicle: vehicle.traction.speed_mps_max, "traction.speed_mps_max"),
     ("envelope.wheel_angle_rad_max", "steering",
@@ -188,20 +189,22 @@ class _Reading:
             self._refuse(where, f"{where} is not known: allowed {', '.join(wanted)}")
         count = len(self.problems)
         values = {
-            name: self._field(f"{section}.{name}", table.get(name), dict(spec.metadata))
+            name: self._field(f"{section}.{name}", table.get(name), spec)
             for name, spec in wanted.items()
         }
         return kind(**values) if len(self.problems) == count else None
 
     def _field(
-        self, where: str, entry: object, metadata: dict[str, float]
+        self, where: str, entry: object, spec: Field[Any]
     ) -> float | DriverPolicy | None:
+        if entry is None and spec.default is not MISSING:
+            return float(spec.default)
         if not isinstance(entry, dict) or entry.keys() != {"value", "source"}:
             self._refuse(where, f'{where} is missing: wanted {{ value = ..., source = "..." }}')
             return None
         if not isinstance(entry["source"], str) or not entry["source"].strip():
             self._refuse(where, f"{where}: the source is missing: where is it from?")
-        return self._value(where, entry["value"], metadata)
+        return self._value(where, entry["value"], dict(spec.metadata))
 
     def _value(
         self, where: str, value: Any, metadata: dict[str, float]

@@ -38,6 +38,11 @@ def whole(low: int, high: int) -> Any:
     return field(metadata={"low": low, "high": high, "whole": True})
 
 
+def optional_number(low: float, high: float, default: float) -> Any:
+    """A number within [low, high] that a file may leave out."""
+    return field(default=default, metadata={"low": low, "high": high})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
     """Dimensions of the bicycle model."""
@@ -65,6 +70,8 @@ class Steering:
     wheel_inertia_kgm2: float = number(0.0, 1.0)
     driver_torque_nm_max: float = number(0.5, 10.0)
     sensor_angle_rad_max: float = number(0.05, 16.5)
+    zero_rad: float = optional_number(-2.0, 2.0, 0.0)
+    """What the angle sensor reads straight ahead; `dbw calibrate` measures it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

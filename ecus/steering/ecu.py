@@ -70,7 +70,8 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
         values = dict(written or {})
         if "wheel_angle_rad_max" in values:  # beyond it the sensor would count as broken (ER6)
             values["wheel_angle_rad_max"] = min(
-                values["wheel_angle_rad_max"], base.sensor_angle_rad_max
+                values["wheel_angle_rad_max"],
+                base.sensor_angle_rad_max - abs(base.zero_rad),
             )
         self.params = replace(base, **values)
 
@@ -85,7 +86,7 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             self.shell.add_cause(ErrorCode.ER4, Reason.MOTOR_FAULT)
         causes = self.shell.causes
         self._is_failed = bool(causes) and any(cause.code in _FAILURES for cause in causes)
-        self._angle_rad = angle_rad
+        self._angle_rad = angle_rad = angle_rad - self.params.zero_rad
         self.loop.measure(angle_rad, PERIOD_S)
         # The motor turns the driver's wheel as well: what it takes to speed that up is not him.
         acceleration = (self.loop.rate_radps - self._rate_before_radps) / PERIOD_S

@@ -30,6 +30,8 @@ class SteeringParams:
     wheel_acceleration_radps2_max: float
     wheel_angle_rad_max: float
     sensor_angle_rad_max: float
+    zero_rad: float
+    """What the sensor reads straight ahead."""
     motor_free_speed_radps: float
     motor_time_constant_s: float
     motor_friction_duty_ratio: float
@@ -40,7 +42,8 @@ class SteeringParams:
     hold_s_max: float
 
     def __post_init__(self) -> None:
-        assert self.sensor_angle_rad_max >= self.wheel_angle_rad_max  # or ER6 at full lock
+        # or ER6 at full lock
+        assert self.sensor_angle_rad_max >= self.wheel_angle_rad_max + abs(self.zero_rad)
         assert self.motor_free_speed_radps > 0.0
 
     @classmethod

@@ -11,7 +11,8 @@ class SteeringSensors:
     """One reading of the steering column."""
 
     column_angle_rad: Final[float]
-    """Steering-wheel angle, positive left; NaN when the sensor cannot be read."""
+    """Steering-wheel angle as the sensor reads it, its zero not yet taken off; positive left;
+    NaN when it cannot be read."""
     driver_torque_nm: Final[float]
     """Torsion bar between steering wheel and motor: driver and the wheel's inertia; NaN: broken."""
     motor_fault: Final[bool]

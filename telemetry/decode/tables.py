@@ -89,6 +89,24 @@ class Decoded:
     unknown: int
 
 
+def intact(table: Table) -> Table:
+    """Without the frames whose CRC is wrong: nobody believed them."""
+    if table.protection is None or table.protection.is_crc_right.all():
+        return table
+    kept = table.protection.is_crc_right
+    return Table(
+        message=table.message,
+        frames=table.frames.take(kept),
+        rows=table.rows[kept],
+        values={name: values[kept] for name, values in table.values.items()},
+        names={
+            name: Names(places=names.places[kept], texts=names.texts)
+            for name, names in table.names.items()
+        },
+        protection=table.protection,
+    )
+
+
 class Decoder:
     """Reads chunks of one log, in order: counters go on from chunk to chunk.
 

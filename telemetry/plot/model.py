@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.messages import Mode
-from telemetry.decode.tables import Decoded, Names, Table
+from telemetry.decode.tables import Decoded, Table, intact
 from telemetry.logs.frames import NS_PER_S
 from telemetry.signals import CODE_SOURCES, CODES, CodeSpan, ModeSpan
 
@@ -94,7 +94,7 @@ def plot_of(
         title: One line.
         zero_ns: The log's origin.
     """
-    tables = {name: _intact(table) for name, table in decoded.tables.items()}
+    tables = {name: intact(table) for name, table in decoded.tables.items()}
     lines = [
         (_unit(tables[message], name), _line(tables[message], name, zero_ns))
         for message, name in signals
@@ -134,24 +134,6 @@ def thinned(line: Line, points_max: int = POINTS_MAX) -> tuple[FloatArray, Float
 
 def _is_own(table: Table) -> bool:
     return table.protection is not None
-
-
-def _intact(table: Table) -> Table:
-    """Without the frames whose CRC is wrong: nobody believed them."""
-    if table.protection is None or table.protection.is_crc_right.all():
-        return table
-    kept = table.protection.is_crc_right
-    return Table(
-        message=table.message,
-        frames=table.frames.take(kept),
-        rows=table.rows[kept],
-        values={name: values[kept] for name, values in table.values.items()},
-        names={
-            name: Names(places=names.places[kept], texts=names.texts)
-            for name, names in table.names.items()
-        },
-        protection=table.protection,
-    )
 
 
 def _seconds(table: Table, zero_ns: int) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -242,3 +243,40 @@ def test_held_time_counts_from_the_last_step_that_followed() -> None:
     rig.emergency().steps(20)
     assert rig.output.actuator.motor_enabled
     assert rig.now_ns > 5_000 * MS
+
+
+# The sensor's zero -------------------------------------------------------------------------------
+
+
+def crooked(zero_rad: float) -> Rig:
+    """A car whose file says what the sensor reads straight ahead."""
+    vehicle = tabby()
+    return Rig("Steering", replace(vehicle, steering=replace(vehicle.steering, zero_rad=zero_rad)))
+
+
+@pytest.mark.parametrize("zero_rad", [0.2, -0.2])
+def test_the_zero_of_the_vehicle_file_is_taken_off_the_reading(zero_rad: float) -> None:
+    rig = crooked(zero_rad)
+    rig.sense(column_angle_rad=1.0 + zero_rad)
+    rig.steps(30)
+    rig.drive(1.0)
+    rig.step()
+    status = rig.now_sent("STATUS")[0]
+    assert status.steering_wheel_angle_rad == pytest.approx(1.0, abs=0.0003)
+    assert status.applied_steering_wheel_angle_rad == pytest.approx(1.0, abs=0.0003)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_sensor_is_broken_by_what_it_reads_whatever_its_zero(sign: float) -> None:
+    rig = crooked(0.2)
+    for reading_rad, is_broken in ((sign * 9.59, False), (sign * 9.61, True)):
+        rig.sense(column_angle_rad=reading_rad)
+        rig.step()
+        assert math.isnan(rig.now_sent("STATUS")[0].steering_wheel_angle_rad) is is_broken
+
+
+def test_a_written_range_leaves_room_for_the_zero() -> None:
+    rig = crooked(0.2)
+    rig.extra.append(sdo_write("Steering", 5, 9590))
+    rig.steps(2)
+    assert rig.node.params.wheel_angle_rad_max == pytest.approx(9.4)

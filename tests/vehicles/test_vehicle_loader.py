@@ -15,6 +15,8 @@ from vehicles.vehicle import DriverPolicy, Vehicle
 
 TEXT = load_vehicle("tabby_evo").text
 ORIGIN = "my_car.toml"
+OPTIONAL = {("steering", "zero_rad")}
+"""Fields that a file may leave out."""
 
 
 def refused(text: str) -> str:
@@ -34,6 +36,8 @@ def with_value(section: str, field: str, value: str) -> str:
 def with_line(section: str, field: str, old: str, new: str) -> str:
     """The file with another line for one field of one section."""
     head, tail = TEXT.split(f"\n[{section}]\n", 1)
+    if (section, field) in OPTIONAL and not re.search(rf"^{field} =", TEXT, flags=re.M):
+        tail = f'{field} = {{ value = 0.0, source = "assumption" }}\n{tail}'
     changed, count = re.subn(rf"^{field} = {old}$", new, tail, count=1, flags=re.M)
     assert count == 1
     return f"{head}\n[{section}]\n{changed}"
@@ -128,7 +132,11 @@ def test_an_unknown_field_is_refused_with_the_known_ones(section: str) -> None:
 
 @NUMBERS
 def test_each_field_must_be_there(section: str, field: str, low: float, high: float) -> None:
-    told = refused(with_line(section, field, ".*", ""))
+    text = with_line(section, field, ".*", "")
+    if (section, field) in OPTIONAL:
+        assert getattr(getattr(parse_vehicle(text, ORIGIN), section), field) == 0.0
+        return
+    told = refused(text)
     assert told.startswith(f"{ORIGIN}: {section}.{field} is missing: wanted ")
 
 
@@ -220,7 +228,8 @@ def test_a_whole_number_is_a_number() -> None:
     ("section", "field", "just_enough", "too_little", "why"),
     [
         ("brake", "on_time_s_max", "9.88", "9.86", "three times the longest stop (9.87)"),
-        ("steering", "sensor_angle_rad_max", "9.25", "9.24", "steering.wheel_angle_rad_max (9.25)"),
+        ("steering", "sensor_angle_rad_max", "9.25", "9.24",
+         "steering.wheel_angle_rad_max and the size of steering.zero_rad (9.25)"),
         ("envelope", "speed_mps_max", "7.5", "7.4", "traction.speed_mps_max (7.5)"),
         ("envelope", "wheel_angle_rad_max", "9.25", "9.2", "steering.wheel_angle_rad_max (9.25)"),
         ("envelope", "wheel_rate_radps_max", "8.73", "8.7", "steering.wheel_rate_radps_max (8.73)"),
@@ -236,6 +245,13 @@ def test_each_relation_holds_at_its_edge_and_is_refused_below(
     number = float(int(too_little, 0) if too_little.startswith("0x") else too_little)
     assert told.startswith(f"{ORIGIN}: {section}.{field} = {number:g}: must be at least")
     assert told.endswith(why)
+
+
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_the_zero_must_leave_the_sensor_the_whole_range(sign: str) -> None:
+    parse_vehicle(with_value("steering", "zero_rad", f"{sign}0.34"), ORIGIN)  # 9.6 less 9.25
+    told = refused(with_value("steering", "zero_rad", f"{sign}0.36"))
+    assert told.endswith("the size of steering.zero_rad (9.61)")
 
 
 # All problems ------------------------------------------------------------------------------------
