@@ -17,7 +17,7 @@ Examples:
   dbw reproduce
   dbw reproduce uah --out out/uah"""
 )
-@click.argument("papers", nargs=-1, metavar="[uah|all ...]")
+@click.argument("papers", nargs=-1, metavar="[uah|uwa|all ...]")
 @click.option(
     "--seed",
     type=WholeNumber(0, SEED_MAX),

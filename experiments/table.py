@@ -9,8 +9,9 @@ from pathlib import Path
 from experiments.chance import generator
 from experiments.result import Experiment, Outcome, Setting
 from experiments.uah.table import EXPERIMENTS as UAH
+from experiments.uwa.table import EXPERIMENTS as UWA
 
-PAPERS: dict[str, tuple[Experiment, ...]] = {"uah": UAH}
+PAPERS: dict[str, tuple[Experiment, ...]] = {"uah": UAH, "uwa": UWA}
 """In the order of the papers' own sections."""
 
 ALL = "all"

@@ -6,9 +6,11 @@ plant has from TABBY's file, since no controller may be tested against a perfect
 Assumptions as a whole: such a plant shows that a stack runs and stops, not how well it is tuned.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from simulation.plant import fsae_electric
 from simulation.plant.params import (
     NAMES,
     TABBY_EVO,
@@ -25,9 +27,18 @@ OCCUPIED_KG_MIN: Final = 400.0
 """A lighter vehicle carries nobody."""
 
 
+MEASURED: Final[dict[str, Callable[[PlantParams], PlantParams]]] = {
+    "fsae_electric": fsae_electric.as_measured,
+}
+"""Vehicles of which a paper has measured a part."""
+
+
 def plant_of(vehicle: Vehicle) -> PlantParams:
     """The plant of a vehicle: its own by name if it has one, else one derived from its file."""
-    return plant_params(vehicle.name) if vehicle.name in NAMES else derived(vehicle)
+    if vehicle.name in NAMES:
+        return plant_params(vehicle.name)
+    plant = derived(vehicle)
+    return MEASURED[vehicle.name](plant) if vehicle.name in MEASURED else plant
 
 
 def derived(vehicle: Vehicle) -> PlantParams:

@@ -9,7 +9,9 @@ from pathlib import Path
 from experiments.docs import SEED
 from experiments.table import Finished, experiments_of, run_one
 
-FAST = ("uah-vernier", "uah-accuracy", "uah-reliability")
+FAST = (
+    "uah-vernier", "uah-accuracy", "uah-reliability", "uwa-throttle", "uwa-silence", "uwa-brake",
+)
 SLOW = tuple(one.id for one in experiments_of(()) if one.id not in FAST)
 
 KNOWN_TO_MISS = {

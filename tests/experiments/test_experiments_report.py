@@ -95,7 +95,7 @@ def test_papers_are_chosen_by_name_and_an_unknown_name_is_refused_with_the_list(
     every = [experiment for found in PAPERS.values() for experiment in found]
     assert list(experiments_of(())) == list(experiments_of(("all",))) == every
     assert list(experiments_of(("uah", "uah"))) == list(PAPERS["uah"])
-    with pytest.raises(UnknownPaper, match="no paper 'uha': allowed uah, all"):
+    with pytest.raises(UnknownPaper, match="no paper 'uha': allowed uah, uwa, all"):
         experiments_of(("uha",))
 
 
@@ -103,7 +103,7 @@ def test_the_command_refuses_a_name_and_an_unwritable_folder_in_one_line(
     tmp_path: Path, capsys: Capture
 ) -> None:
     assert main(["reproduce", "uha", "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == "dbw: error: no paper 'uha': allowed uah, all\n"
+    assert capsys.readouterr().err == "dbw: error: no paper 'uha': allowed uah, uwa, all\n"
     (tmp_path / "file").touch()
     assert main(["reproduce", "uah", "--out", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

