@@ -6,11 +6,15 @@ An object is index and sub-index in one number, as the upper 24 bits of a PDO ma
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
 from canbus.canopen_protocol import HEARTBEAT_ID, SDO_REQUEST_ID, SDO_RESPONSE_ID
+
+RPM_PER_RADPS: Final = 30.0 / math.pi
+"""The profile's velocities of a motor are in turns per minute."""
 
 DRIVE_NODE_ID_MIN: Final = 0x11
 """Node ids of drives begin here."""

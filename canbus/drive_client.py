@@ -146,6 +146,7 @@ class DriveClient:
             Setting(key=cia402.MODE, value=mode, byte_count=1),
         ]
         self._sdo = SdoClient()
+        self._requests: list[Frame] = []
         self._is_asked = False
         self._is_configured = False
         self._mode_shown = OperationMode.NONE.value
@@ -154,13 +155,18 @@ class DriveClient:
         self._resets = False
 
     @property
+    def is_heard(self) -> bool:
+        """Whether it has told its position and its velocity."""
+        return min(self._position_ns, self._velocity_ns) != _NEVER_NS
+
+    @property
     def is_ready(self) -> bool:
         """Whether FOLLOW is obeyed: set up, heard, in its mode, and nothing wrong."""
         return (
             self.trouble is None
             and self._is_configured
             and self._mode_shown == self.mode
-            and min(self._position_ns, self._velocity_ns) != _NEVER_NS
+            and self.is_heard
         )
 
     @property
@@ -182,20 +188,27 @@ class DriveClient:
     def step(
         self, now_ns: int, received: Sequence[ReceivedFrame], wish: DriveWish, target: int = 0
     ) -> list[Frame]:
-        """Takes in the drive's frames and answers with those to send now.
+        """`hear` and `command` in one, for whoever knows its wish beforehand."""
+        self.hear(now_ns, received)
+        return self.command(wish, target)
 
-        Args:
-            now_ns: time of this step.
-            received: frames since the last one.
-            wish: FOLLOW becomes STOP while the drive is not ready.
-            target: encoder units or rpm; of no effect unless the drive follows.
-        """
+    def hear(self, now_ns: int, received: Sequence[ReceivedFrame]) -> None:
+        """Takes in the drive's frames since the last step and judges it anew."""
         answers: list[Frame] = []
         for item in received:
             if item.frame.can_id in self.acceptance:
                 self._take(item, answers)
-        frames = self._configure(now_ns, answers)
+        self._requests = self._configure(now_ns, answers)
         self._judge(now_ns)
+
+    def command(self, wish: DriveWish, target: int = 0) -> list[Frame]:
+        """The frames to send in this step, after `hear`.
+
+        Args:
+            wish: FOLLOW becomes STOP while the drive is not ready.
+            target: encoder units or rpm; of no effect unless the drive follows.
+        """
+        frames, self._requests = self._requests, []
         if self._position_ns != _NEVER_NS:  # NMT started it: it hears PDO
             frames += self._command(wish, target)
         return frames

@@ -22,6 +22,7 @@ from simulation.kernel import Kernel
 from simulation.node_clock import NodeClock
 from simulation.plant.car import ORIGIN, Car
 from simulation.plant.derived import plant_of
+from simulation.plant.drive_train import DriveTrain, DriveUnit
 from simulation.plant.params import PlantParams
 from simulation.plant.state import Pose
 from simulation.trace import Trace
@@ -149,6 +150,19 @@ class Station(Receiver):
         self.is_frozen = False
 
 
+class DriveStation(Receiver):
+    """A motor drive of the car on the wire."""
+
+    def __init__(self, unit: DriveUnit) -> None:
+        super().__init__(unit.name)
+        self.unit = unit
+
+    @property
+    def acceptance(self) -> frozenset[int] | None:
+        """Identifiers that its controller lets through."""
+        return self.unit.acceptance
+
+
 class World:
     """The car, the wire and the six nodes.
 
@@ -182,6 +196,7 @@ class World:
         self.wire.witnesses.append(self.trace)
         self.events: list[tuple[int, Event]] = []
         self.stations = self._build(planner_period_ns, clock_rng)
+        self.drive_stations = () if self.car.train is None else self._add_drives(self.car.train)
 
     def _build(self, planner_period_ns: int, clock_rng: Generator) -> dict[str, Station]:
         car, vehicle = self.car, self.vehicle
@@ -220,6 +235,26 @@ class World:
             self.wire.attach(station)
             station.start(number * PHASE_STEP_NS + int(clock_rng.integers(PHASE_STEP_NS)))
         return stations
+
+    def _add_drives(self, train: DriveTrain) -> tuple[DriveStation, ...]:
+        """The car's motor drives get their ends of the wire."""
+        stations = tuple(DriveStation(unit) for unit in train.units)
+        for station in stations:
+            self.wire.attach(station)
+        self.kernel.at(0, STEP_PRIORITY, self._exchange)
+        return stations
+
+    def _exchange(self, true_ns: int) -> None:
+        """The drives hear what has come, move on, and send, once in each step of the plant."""
+        self.kernel.at(true_ns + self.car.params.step_ns, STEP_PRIORITY, self._exchange)
+        for station in self.drive_stations:
+            station.unit.inbox += [frame for _, frame in station.inbox]
+            station.inbox.clear()
+        self.car.advance(true_ns)
+        for station in self.drive_stations:
+            frames, station.unit.outbox = station.unit.outbox, []
+            if frames:
+                self.wire.send(true_ns, station.name, frames)
 
     @property
     def now_ns(self) -> int:

@@ -23,6 +23,7 @@ from dbc.messages import (
     SupervisorState,
 )
 from ecus.common.codes import Cause, code_bits, code_flags
+from ecus.common.drive_output import DriveOutput
 from ecus.common.driver_input import Debounce
 from ecus.common.node_state import NODE_STATE_AFTER, SAFE_STATES, NodeEvent
 from ecus.common.shell import Shell
@@ -119,6 +120,13 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._told: Told | None = None
         self._driver_due_ns = 0
         self._driver_cycle_ns = SPEC_OF_NAME[self._driver_name].cycle_ns
+        self._drives: tuple[DriveOutput, ...] = ()
+
+    def _use_drives(self, *drives: DriveOutput) -> None:
+        """This node's motors hang on drives on the bus, not on its outputs."""
+        self._drives = drives
+        assert self.acceptance is not None
+        self.acceptance = self.acceptance.union(*(drive.acceptance for drive in drives))
 
     # What the subclass gives -----------------------------------------------------------------
 
@@ -157,6 +165,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         messages = shell.begin(now_ns, received)
         self._take_parameters()
         self._hear_supervisor(now_ns)
+        for drive in self._drives:
+            self.shell.causes += drive.hear(now_ns, received)
         is_driver = self._sense(now_ns, sensors)
         self.is_driver_active = self._debounce.update(is_driver, now_ns)
         if self.state is NodeState.ACTIVE:
@@ -165,6 +175,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         shell.report(latch=self.state in SAFE_STATES or self.state is NodeState.ACTIVE)
         actuator = self._act(now_ns)
         frames = shell.finish(self._frames(now_ns))
+        for drive in self._drives:  # in every NMT state: a drive that is not told goes on
+            frames += drive.frames()
         return StepOutput(frames=frames, actuator=actuator, events=shell.events)
 
     def _take_parameters(self) -> None:
@@ -270,6 +282,7 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         if supervisor.mode not in DRIVING_MODES or not is_authorised:
             return NodeEvent.UNAUTHORISED
         is_ready = self._is_armed and self.shell.is_operational
+        is_ready = is_ready and all(drive.is_ready for drive in self._drives)
         return NodeEvent.AUTHORISED if is_ready else NodeEvent.NOTHING
 
     def _is_emergency(

@@ -1,4 +1,4 @@
-"""The steer ECU: steering motor, angle sensor, driver's torque; ER4 and ER6."""
+"""The steer ECU: steering motor or drive, angle sensor, driver's torque; ER4 and ER6."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.limits import clamp
 from ecus.common.node_state import SAFE_STATES
 from ecus.steering.control import SteeringLoop
+from ecus.steering.drive import SteeringDrive
 from ecus.steering.mode import ACTION, SteerAction
 from ecus.steering.params import EXPOSED, SteeringParams
 from ecus.steering.ports import COAST, SteeringActuator, SteeringSensors
@@ -60,6 +61,10 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
         self._hold_rad: float | None = None
         self._hold_since_ns = 0
         self._action = SteerAction.COAST
+        self._drive: SteeringDrive | None = None
+        if vehicle.drives is not None:
+            self._drive = SteeringDrive(vehicle, vehicle.drives)
+            self._use_drives(self._drive)
 
     @property
     def _command_timeout_ns(self) -> int:
@@ -88,6 +93,8 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
         self._is_failed = bool(causes) and any(cause.code in _FAILURES for cause in causes)
         self._angle_rad = angle_rad = angle_rad - self.params.zero_rad
         self.loop.measure(angle_rad, PERIOD_S)
+        if self._drive is not None:
+            self._drive.measure(angle_rad)
         # The motor turns the driver's wheel as well: what it takes to speed that up is not him.
         acceleration = (self.loop.rate_radps - self._rate_before_radps) / PERIOD_S
         self._rate_before_radps = self.loop.rate_radps
@@ -116,6 +123,9 @@ class SteeringEcu(ActuatorEcu[SteeringSensors, SteeringActuator]):
             assert self._hold_rad is not None
             wanted_rad = self._hold_rad
         duty = self.loop.update(wanted_rad, PERIOD_S, self.params)
+        if self._drive is not None:  # it follows the reference with loops of its own
+            self._drive.turn_to(self.loop.reference_rad)
+            return COAST
         return SteeringActuator(motor_duty_ratio=duty, motor_enabled=True)
 
     def _update_hold(self, now_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""The throttle ECU: traction motor through a DAC, encoder, throttle pedal, regeneration."""
+"""The throttle ECU: traction motor through a DAC, or drives; encoder, pedal, regeneration."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from dbc.messages import (
     ErrorCode,
     Mode,
     Reason,
+    SteerStatus,
     ThrottleDriver,
     ThrottleStatus,
 )
@@ -24,6 +25,7 @@ from ecus.throttle.control import SpeedLoop, actuator_of
 from ecus.throttle.mode import ACTION, Situation, ThrottleAction
 from ecus.throttle.params import EXPOSED, ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, ThrottleSensors
+from ecus.throttle.wheel_drives import WheelDrives
 from vehicles import Vehicle
 
 BRAKING_RATIO_MIN: Final = 0.05
@@ -54,7 +56,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             eds="throttle",
             prefix="THROTTLE",
             authorisation="throttle_authorised",
-            also_subscribed=("BRAKE_STATUS",),
+            also_subscribed=("BRAKE_STATUS", *(("STEER_STATUS",) if vehicle.drives else ())),
             parameters={name: getattr(self.params, name) for name in EXPOSED},
         )
         self.loop = SpeedLoop()
@@ -63,6 +65,11 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         self._pedal_ratio = 0.0
         self._safe_since_ns: int | None = None
         self._action = ThrottleAction.IDLE
+        self._steering_ratio = vehicle.steering.ratio
+        self._wheels: WheelDrives | None = None
+        if vehicle.drives is not None:
+            self._wheels = WheelDrives(vehicle, vehicle.drives, self.params)
+            self._use_drives(*self._wheels.outputs)
 
     @property
     def _command_timeout_ns(self) -> int:
@@ -80,9 +87,12 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         motor_radps = self._encoder.update(
             now_ns, sensors.encoder_count, sensors.encoder_edge_age_s
         )
-        self._wheel_speed_radps = clamp(
-            motor_radps / self.params.gear_ratio, -WHEEL_SPEED_RADPS_MAX, WHEEL_SPEED_RADPS_MAX
-        )
+        wheel_radps = motor_radps / self.params.gear_ratio
+        if self._wheels is not None:
+            wheel_radps = self._wheels.speed_mps(self._road_wheel_rad) / self.params.wheel_radius_m
+        if not math.isnan(wheel_radps):
+            wheel_radps = clamp(wheel_radps, -WHEEL_SPEED_RADPS_MAX, WHEEL_SPEED_RADPS_MAX)
+        self._wheel_speed_radps = wheel_radps
         self._pedal_ratio = readable_ratio(sensors.pedal_ratio)
         if math.isnan(self._pedal_ratio):
             self.shell.add_cause(ErrorCode.ER1, Reason.SENSOR_OUT_OF_BOUNDS)
@@ -96,6 +106,9 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         if self._action is ThrottleAction.REGENERATE:
             if not self._rolls_forward(now_ns):
                 return IDLE
+            if self._wheels is not None:
+                self._wheels.brake()
+                return IDLE
             return actuator_of(-self.params.regen_deceleration_mps2_full, self.params)
         if before is ThrottleAction.IDLE:
             self.loop.start(self._speed_mps)
@@ -103,13 +116,26 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         if self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
             brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
         is_servo_braking = brake is None or not brake.servo_position_ratio <= BRAKING_RATIO_MIN
-        return self.loop.update(
+        actuator = self.loop.update(
             self._target_mps(now_ns),
             self._speed_mps,
             PERIOD_S,
             self.params,
             is_servo_braking=is_servo_braking,
         )
+        if self._wheels is None:
+            return actuator
+        if not is_servo_braking:  # else no torque against the pads
+            self._wheels.follow(self.loop.reference_mps, self._road_wheel_rad)
+        return IDLE
+
+    @property
+    def _road_wheel_rad(self) -> float:
+        """Where the front wheels point; straight on as long as nobody has told."""
+        status = self.endpoint.get("STEER_STATUS", SteerStatus)
+        if status is None or math.isnan(status.steering_wheel_angle_rad):
+            return 0.0
+        return status.steering_wheel_angle_rad / self._steering_ratio
 
     def _target_mps(self, now_ns: int) -> float:
         """The planner's speed; zero in a controlled stop and without a valid command."""

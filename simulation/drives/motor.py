@@ -9,8 +9,6 @@ from typing import Final
 COUNTS_PER_REV: Final = 4096
 """Encoder units of one turn of the motor (UNICAMP Section 6.2)."""
 
-RPM_PER_RADPS: Final = 30.0 / math.pi
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorParams:
@@ -29,6 +27,8 @@ class MotorParams:
     """What the drive gives at most."""
     stop_rad: float = math.inf
     """The mechanical end stop, either side, as an angle of the motor."""
+    carried_inertia_kgm2: float = 0.0
+    """What the load weighs at the shaft where the caller moves it: the loops are tuned for it."""
 
     def __post_init__(self) -> None:
         assert self.torque_constant_nm_per_a > 0.0 and self.resistance_ohm > 0.0
@@ -40,6 +40,10 @@ class MotorParams:
         """Speed at which the motor's own voltage equals the supply."""
         return self.supply_v / self.torque_constant_nm_per_a
 
+
+RE50_ROTOR_KGM2: Final = 5.4e-5
+EC45_ROTOR_KGM2: Final = 1.35e-5
+"""Rotors without what they carry (Maxon's data)."""
 
 RE50: Final = MotorParams(
     # Maxon RE 50, 24 V, 200 W (UNICAMP: "RE50"; which winding is an assumption)
@@ -68,9 +72,13 @@ EC45: Final = MotorParams(
 
 
 class Motor:
-    """A motor, integrated in small steps. `load_torque_nm` acts on the shaft and is the caller's.
+    """A motor, integrated in small steps. What acts on the shaft besides is the caller's.
 
     Attributes:
+        load_torque_nm: On the shaft.
+        load_speed_radps: Of a load that drags the shaft towards its own speed, as a tyre on the
+            road does, with `load_damping_nm_per_radps`.
+        is_supplied: Whether there is any current to be had.
         angle_rad: True angle of the shaft; the encoder counts from 0, the index lies at whole
             turns.
         current_a: What flows now, after the drive's and the supply's limits.
@@ -78,8 +86,8 @@ class Motor:
     """
 
     __slots__ = (
-        "_frozen_counts", "angle_rad", "current_a", "is_encoder_broken", "load_torque_nm",
-        "params", "speed_radps",
+        "_frozen_counts", "angle_rad", "current_a", "is_encoder_broken", "is_supplied",
+        "load_damping_nm_per_radps", "load_speed_radps", "load_torque_nm", "params", "speed_radps",
     )  # fmt: skip
 
     def __init__(self, params: MotorParams, *, angle_rad: float = 0.0) -> None:
@@ -89,6 +97,9 @@ class Motor:
         self.speed_radps = 0.0
         self.current_a = 0.0
         self.load_torque_nm = 0.0
+        self.load_speed_radps = 0.0
+        self.load_damping_nm_per_radps = 0.0
+        self.is_supplied = True
         self.is_encoder_broken = False
         self._frozen_counts = 0
 
@@ -110,11 +121,13 @@ class Motor:
         high_a = min(params.current_a_max, (params.supply_v - back_v) / params.resistance_ohm)
         low_a = max(-params.current_a_max, (-params.supply_v - back_v) / params.resistance_ohm)
         # No current is no current, also above the no-load speed.
-        self.current_a = min(max(current_a, low_a), high_a) if current_a else 0.0
+        is_driven = self.is_supplied and current_a != 0.0
+        self.current_a = min(max(current_a, low_a), high_a) if is_driven else 0.0
         torque_nm = params.torque_constant_nm_per_a * self.current_a + self.load_torque_nm
         gain = dt_s / params.inertia_kgm2
         before = self.speed_radps
-        speed = before + gain * torque_nm
+        drag = gain * self.load_damping_nm_per_radps  # implicit: stable however stiff it is
+        speed = (before + gain * torque_nm + drag * self.load_speed_radps) / (1.0 + drag)
         friction = gain * params.friction_nm  # takes away at most the speed there is
         speed = math.copysign(max(0.0, abs(speed) - friction), speed)
         angle = self.angle_rad + 0.5 * dt_s * (before + speed)

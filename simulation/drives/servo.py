@@ -25,7 +25,8 @@ class Servo:
     __slots__ = ("_amperes_per_acceleration", "_counts", "_current_max_a", "_integral", "velocity")
 
     def __init__(self, params: MotorParams) -> None:
-        torque_per_acceleration = params.inertia_kgm2 * TAU / COUNTS_PER_REV
+        inertia_kgm2 = params.inertia_kgm2 + params.carried_inertia_kgm2
+        torque_per_acceleration = inertia_kgm2 * TAU / COUNTS_PER_REV
         self._amperes_per_acceleration = torque_per_acceleration / params.torque_constant_nm_per_a
         self._current_max_a = params.current_a_max
         self._counts: int | None = None

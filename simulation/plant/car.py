@@ -18,6 +18,7 @@ from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
 from ecus.throttle.ports import ThrottleActuator, ThrottleSensors
 from simulation.plant.brakes import Brakes
 from simulation.plant.chassis import Chassis
+from simulation.plant.drive_train import DriveTrain
 from simulation.plant.hardware import Hardware
 from simulation.plant.params import NS_PER_S, PlantParams
 from simulation.plant.sensors import Encoder, NoiseSource, quantise_ratio
@@ -45,6 +46,7 @@ class Car:
         params: What the car is.
         driver: What the human does; write to it at any time.
         faults: What is broken; write to it at any time.
+        train: Its motor drives on the bus, if it has any.
     """
 
     __slots__ = (
@@ -70,6 +72,7 @@ class Car:
         "driver",
         "faults",
         "params",
+        "train",
     )
 
     def __init__(
@@ -103,6 +106,12 @@ class Car:
         self._chassis.y_m = start_pose.y_m
         self._chassis.heading_rad = start_pose.heading_rad
         self._hardware = Hardware(params, start_ns)
+        self.train: DriveTrain | None = None
+        if params.drives is not None:
+            self.train = DriveTrain(params, params.drives, self._chassis, start_ns)
+            self._column = self.train.column
+            self._traction = self.train.traction
+            self._hardware = self.train.hardware
         wheel_turns_per_m = 1.0 / (2.0 * pi * radius_m)
         motor_edges_per_m = (
             sensors.motor_pulses_per_rev * params.traction.gear_ratio * wheel_turns_per_m

@@ -19,7 +19,10 @@ UNLOCK_TIME_S: Final = 0.05  # a wheel released by its brake is back at speed; a
 
 
 class Chassis:
-    """Planar motion under drive force, brake force and road-wheel angle."""
+    """Planar motion under drive force, brake force and road-wheel angle.
+
+    A car that is driven at the rear has its force in `rear_drive_n` before each step.
+    """
 
     __slots__ = (
         "_axle_lock_gain",
@@ -57,6 +60,7 @@ class Chassis:
         "front_wheel_speed_mps",
         "heading_rad",
         "lateral_speed_mps",
+        "rear_drive_n",
         "rear_lock_ratio",
         "speed_mps",
         "x_m",
@@ -90,6 +94,7 @@ class Chassis:
         self.front_wheel_speed_mps = 0.0
         self.front_axle_force_lateral_n = 0.0
         self.front_lock_ratio = self.rear_lock_ratio = 0.0
+        self.rear_drive_n = 0.0
         self.distance_m = 0.0
         self.set_road(chassis.friction_mu, chassis.slope_rad)
 
@@ -150,6 +155,10 @@ class Chassis:
             drive_n, brake_n, grip_front_n, grip_rear_n
         )
         force_front_n = drive_n - brake_front_n if speed >= 0.0 else drive_n + brake_front_n
+        drive_rear_n = self.rear_drive_n
+        if drive_rear_n != 0.0:  # what the tyres transmit of it besides the brake
+            cap_n = LONGITUDINAL_USE_MAX * grip_rear_n
+            drive_rear_n = max(brake_rear_n - cap_n, min(brake_rear_n + cap_n, drive_rear_n))
 
         # no side slip below walking pace, where the wheels only roll
         weight = (speed - self._kinematic_mps) * self._blend_per_mps
@@ -166,14 +175,17 @@ class Chassis:
             room = grip_front_n * grip_front_n - force_front_n * force_front_n
             side_front_n = side_n / sqrt(1.0 + side_n * side_n / room)
             side_n = self._cornering_rear * (self._cg_to_rear_m * yaw_rate - lateral) / speed
-            room = grip_rear_n * grip_rear_n - brake_rear_n * brake_rear_n
+            force_rear_n = drive_rear_n - brake_rear_n
+            room = grip_rear_n * grip_rear_n - force_rear_n * force_rear_n
             side_rear_n = side_n / sqrt(1.0 + side_n * side_n / room)
             pull_n = weight * (self._mass_kg * lateral * yaw_rate - side_front_n * sin_angle)
         else:
             weight = side_front_n = side_rear_n = pull_n = 0.0
 
         new_speed = self._rolled(
-            speed, drive_n * cos_angle + pull_n, brake_front_n * cos_angle + brake_rear_n
+            speed,
+            drive_n * cos_angle + pull_n + drive_rear_n,
+            brake_front_n * cos_angle + brake_rear_n,
         )
         self.speed_mps = new_speed
         rolling_yaw_rate = new_speed * self._inverse_wheelbase * sin_angle / cos_angle

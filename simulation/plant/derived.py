@@ -10,11 +10,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from simulation.drives.motor import EC45, EC45_ROTOR_KGM2, RE50, RE50_ROTOR_KGM2
 from simulation.plant import fsae_electric
 from simulation.plant.params import (
     NAMES,
     TABBY_EVO,
     ChassisParams,
+    DriveTrainParams,
     PlantParams,
     SensorParams,
     SteeringColumnParams,
@@ -22,6 +24,10 @@ from simulation.plant.params import (
     plant_params,
 )
 from vehicles import Vehicle, load_vehicle
+from vehicles.vehicle import Drives
+
+TYRE_WALKING_MPS: Final = 0.5
+"""Slip is told at this speed whatever the car's: a tyre's stiffness becomes a damping."""
 
 OCCUPIED_KG_MIN: Final = 400.0
 """A lighter vehicle carries nobody."""
@@ -48,7 +54,7 @@ def derived(vehicle: Vehicle) -> PlantParams:
     length = vehicle.geometry.wheelbase_m / believed.geometry.wheelbase_m
     width = vehicle.geometry.track_m / believed.geometry.track_m
     radius = vehicle.geometry.wheel_radius_m / believed.geometry.wheel_radius_m
-    return replace(
+    params = replace(
         pattern,
         name=vehicle.name,
         steering=_steering(vehicle, believed, mass, radius),
@@ -64,6 +70,8 @@ def derived(vehicle: Vehicle) -> PlantParams:
         chassis=_chassis(vehicle, mass, length, width, radius),
         sensors=_sensors(vehicle, believed, width),
     )
+    drives = vehicle.drives
+    return params if drives is None else replace(params, drives=_drives(params, drives))
 
 
 def _steering(
@@ -155,4 +163,32 @@ def _sensors(vehicle: Vehicle, believed: Vehicle, width: float) -> SensorParams:
         motor_pulses_per_rev=round(vehicle.traction.encoder_pulses_per_rev),
         wheel_pulses_per_rev=round(vehicle.brake.wheel_encoder_pulses_per_rev),
         wheel_encoder_offset_left_m=pattern.wheel_encoder_offset_left_m * width,
+    )
+
+
+def _drives(params: PlantParams, drives: Drives) -> DriveTrainParams:
+    """UNICAMP's motors, each with what hangs on it."""
+    steering, chassis, gear = params.steering, params.chassis, params.traction.gear_ratio
+    column_kgm2 = steering.hand_wheel_inertia_kgm2 + steering.column_inertia_kgm2
+    # the tyres' scrub at a standstill, also while they roll
+    column_nm = steering.coulomb_torque_nm + steering.scrub_torque_nm
+    steering_gear = drives.steering_gear_ratio
+    per_wheel = 0.5 / gear**2
+    return DriveTrainParams(
+        steering_node_id=drives.steering_node_id,
+        left_wheel_node_id=drives.left_wheel_node_id,
+        right_wheel_node_id=drives.right_wheel_node_id,
+        steering_gear_ratio=steering_gear,
+        steering_motor=replace(
+            EC45,
+            inertia_kgm2=EC45_ROTOR_KGM2 + column_kgm2 / steering_gear**2,
+            friction_nm=EC45.friction_nm + column_nm / steering_gear,
+            stop_rad=steering.end_stop_rad * steering_gear,
+        ),
+        wheel_motor=replace(
+            RE50,
+            inertia_kgm2=RE50_ROTOR_KGM2 + chassis.axle_inertia_kgm2 * per_wheel,
+            carried_inertia_kgm2=params.mass_kg * chassis.wheel_radius_m**2 * per_wheel,
+        ),
+        tyre_damping_n_per_mps=0.5 * chassis.longitudinal_slip_stiffness_n / TYRE_WALKING_MPS,
     )

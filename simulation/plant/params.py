@@ -7,6 +7,8 @@ percent (tyre rolling radius, gear efficiency, friction, sensor zero), as a real
 from dataclasses import dataclass, replace
 from typing import Final
 
+from simulation.drives.motor import MotorParams
+
 GRAVITY_MPS2: Final = 9.80665  # standard gravity, ISO 80000-3
 AIR_DENSITY_KG_PER_M3: Final = 1.20  # ISO 2533 at about 20 degC
 NS_PER_S: Final = 1_000_000_000
@@ -119,6 +121,19 @@ class HardwareParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DriveTrainParams:
+    """Motor drives on the bus that turn steering and rear wheels."""
+
+    steering_node_id: int
+    left_wheel_node_id: int
+    right_wheel_node_id: int
+    steering_gear_ratio: float
+    steering_motor: MotorParams
+    wheel_motor: MotorParams
+    tyre_damping_n_per_mps: float  # of one wheel, lengthwise: rim against road
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlantParams:
     """Everything the plant knows about one car."""
 
@@ -130,6 +145,7 @@ class PlantParams:
     chassis: ChassisParams
     sensors: SensorParams
     hardware: HardwareParams
+    drives: DriveTrainParams | None = None
 
     def __post_init__(self) -> None:
         assert self.step_ns > 0 and self.mass_kg > 0.0

@@ -10,9 +10,9 @@ import pytest
 
 from canbus import cia402
 from canbus.canopen_protocol import ABORT_TOO_HIGH, ABORT_TOO_LOW, ABORT_VALUE
-from canbus.cia402 import HomingMethod, OperationMode, StopOption
+from canbus.cia402 import RPM_PER_RADPS, HomingMethod, OperationMode, StopOption
 from canbus.cia402_power import PowerState
-from simulation.drives.motor import COUNTS_PER_REV, EC45, RE50, RPM_PER_RADPS
+from simulation.drives.motor import COUNTS_PER_REV, EC45, RE50
 from simulation.drives.profile import Reference
 from tests.simulation.drive_rig import ENABLE, MS, Rig
 

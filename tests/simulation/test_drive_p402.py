@@ -17,11 +17,10 @@ from canopen.profiles import p402
 from canopen.profiles.p402 import BaseNode402
 
 from canbus import cia402
-from canbus.cia402 import HomingMethod
+from canbus.cia402 import RPM_PER_RADPS, HomingMethod
 from canbus.frame import Frame
 from simulation.drives.device import EDS
 from simulation.drives.faults import DriveFault
-from simulation.drives.motor import RPM_PER_RADPS
 from tests.simulation.drive_rig import NODE_ID, Rig
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from canbus.canopen_protocol import NmtCommand, NmtState, nmt_frame
-from canbus.cia402 import OperationMode
+from canbus.cia402 import RPM_PER_RADPS, OperationMode
 from canbus.cia402_power import PowerState
 from canbus.drive_client import DriveClient, DriveTrouble, DriveWish
 from canbus.frame import Frame, ReceivedFrame
@@ -16,7 +16,7 @@ from canbus.node import NODE_IDS
 from gateway.kinematics import Kinematics
 from gateway.motion_commands import decide_cmd_vel
 from simulation.drives.drive import EposDrive
-from simulation.drives.motor import COUNTS_PER_REV, EC45, RE50, RPM_PER_RADPS, Motor
+from simulation.drives.motor import COUNTS_PER_REV, EC45, RE50, Motor
 from simulation.kernel import Kernel
 from simulation.wire import Receiver, Wire
 from vehicles import load_vehicle
