@@ -1,4 +1,4 @@
-"""The two DBC files, read by cantools. The only import of cantools outside the tests."""
+"""The DBC files, read by cantools. The only import of cantools outside the tests."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ with hidden(ASAMMDF):
 
 VEHICLE_DBC = "vehicle.dbc"
 HARNESS_DBC = "harness.dbc"
+BYTE_COMMANDS_DBC = "byte_commands.dbc"
 
 
 def dbc_text(name: str) -> str:
-    """The text of `vehicle.dbc` or `harness.dbc` as shipped."""
+    """The text of one of them as shipped."""
     return files("dbc").joinpath(name).read_text(encoding="utf-8")
 
 

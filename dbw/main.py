@@ -33,6 +33,7 @@ COMMANDS = {
     "plot": ("dbw.plot", "Draw signals of a log over time: a picture and a page."),
     "replay": ("dbw.replay", "Play a log once more: as lines, onto a bus, or through a node."),
     "dashboard": ("dbw.dashboard", "Show the car on a web page: watch, drive, brake."),
+    "bytes": ("dbw.byte_planner", "Be the gateway of a planner that sends UWA's byte commands."),
     "campaign": ("dbw.campaign", "Drive thousands of simulated hours under faults and report."),
     "reproduce": ("dbw.reproduce", "Run the papers' experiments again and beside this stack."),
     "vehicle": ("dbw.vehicle", "Check a vehicle file: every problem with its line and range."),

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from canbus.hidden import ASAMMDF, hidden
-from dbc.database import HARNESS_DBC, VEHICLE_DBC, dbc_text
+from dbc.database import BYTE_COMMANDS_DBC, HARNESS_DBC, VEHICLE_DBC, dbc_text
 from telemetry.dbc_text import keyword, line_of_error, line_of_id, line_of_message, statement_at
 
 with hidden(ASAMMDF):
@@ -28,7 +28,11 @@ __all__ = [
     "Database", "DatabaseError", "Databases", "Message", "Signal", "load_databases", "nearest",
 ]
 
-OWN: Final = {name: file for file in (VEHICLE_DBC, HARNESS_DBC) for name in (file, file[:-4])}
+OWN: Final = {
+    name: file
+    for file in (VEHICLE_DBC, HARNESS_DBC, BYTE_COMMANDS_DBC)
+    for name in (file, file[:-4])
+}
 """The project's own files by the names under which they can be asked for."""
 LEFT_OUT_MAX: Final = 100
 """Statements that relaxed loading leaves out before it gives a file up."""

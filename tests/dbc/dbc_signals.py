@@ -1,4 +1,4 @@
-"""Both DBC files as cantools reads them, for tests that hold our codec against it."""
+"""The DBC files as cantools reads them, for tests that hold our codec against it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import Any
 
 from cantools.database.can import Message, Signal
 
-from dbc import harness, messages
-from dbc.database import HARNESS_DBC, VEHICLE_DBC, load
+from dbc import byte_commands, harness, messages
+from dbc.database import BYTE_COMMANDS_DBC, HARNESS_DBC, VEHICLE_DBC, load
 from dbc.generate import class_name
 from dbc.spec import MessageSpec
 
-MODULES: dict[str, Any] = {VEHICLE_DBC: messages, HARNESS_DBC: harness}
+MODULES: dict[str, Any] = {
+    VEHICLE_DBC: messages,
+    HARNESS_DBC: harness,
+    BYTE_COMMANDS_DBC: byte_commands,
+}
 PROTECTION = ("crc", "alive_counter")
 
 

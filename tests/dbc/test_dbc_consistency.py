@@ -11,7 +11,7 @@ from cantools.database.can import Message
 
 from canbus.node import NODE_IDS
 from canbus.timing import MessageTiming, bus_load, response_times_ns
-from dbc.database import HARNESS_DBC, VEHICLE_DBC, load
+from dbc.database import BYTE_COMMANDS_DBC, HARNESS_DBC, VEHICLE_DBC, load
 from dbc.generate import attribute
 from dbc.messages import SPECS
 from dbc.timing import decision_age_limit_ms, planner_period_ms_max
@@ -39,6 +39,11 @@ PREFIX = {
     "SafetyMonitor": "SAFETY_MONITOR", "Gateway": "GATEWAY",
 }
 HARNESS_NODES = {"Plant", "Supervisor", "Steering", "Throttle", "BrakeServo", "Operator"}
+KNOWN = {
+    VEHICLE_DBC: set(NODES),
+    HARNESS_DBC: HARNESS_NODES,
+    BYTE_COMMANDS_DBC: {"BytePlanner", "ByteAdapter"},
+}
 
 
 def by_hand() -> dict[int, tuple[str, str | None, int, int]]:
@@ -87,7 +92,7 @@ def test_one_sender_per_identifier(case: Case) -> None:
     assert bool(senders) or case.message.name in nobody
 
 
-@pytest.mark.parametrize("dbc", [VEHICLE_DBC, HARNESS_DBC])
+@pytest.mark.parametrize("dbc", KNOWN)
 def test_no_identifier_and_no_name_appears_twice(dbc: str) -> None:
     messages = load(dbc).messages
     assert len({message.frame_id for message in messages}) == len(messages)
@@ -98,7 +103,7 @@ def test_no_identifier_and_no_name_appears_twice(dbc: str) -> None:
 
 @EVERY
 def test_senders_and_receivers_are_known_and_nobody_hears_himself(case: Case) -> None:
-    known = set(NODES) if case.dbc == VEHICLE_DBC else HARNESS_NODES
+    known = KNOWN[case.dbc]
     receivers = set(case.message.receivers) - {"Vector__XXX"}
     assert receivers <= known and case.spec.receivers == receivers
     assert {case.spec.sender} <= known | {None}

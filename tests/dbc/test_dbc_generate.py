@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 import dbc.generate
-from dbc import harness, messages
+from dbc import byte_commands, harness, messages
 from dbc.database import (
+    BYTE_COMMANDS_DBC,
     HARNESS_DBC,
     VEHICLE_DBC,
     configuration_hash,
@@ -18,7 +19,11 @@ from dbc.database import (
 from dbc.generate import generate
 from dbc.spec import snake_case
 
-FILES = {VEHICLE_DBC: Path(messages.__file__), HARNESS_DBC: Path(harness.__file__)}
+FILES = {
+    VEHICLE_DBC: Path(messages.__file__),
+    HARNESS_DBC: Path(harness.__file__),
+    BYTE_COMMANDS_DBC: Path(byte_commands.__file__),
+}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -26,11 +31,11 @@ def test_the_shipped_module_is_the_generated_one(name: str) -> None:
     assert generate(name) == FILES[name].read_text(encoding="utf-8"), "run python -m dbc.generate"
 
 
-def test_run_as_a_command_it_writes_both_modules_beside_itself(tmp_path: Path) -> None:
+def test_run_as_a_command_it_writes_its_modules_beside_itself(tmp_path: Path) -> None:
     source = Path(dbc.generate.__file__)
     code = compile(source.read_text(encoding="utf-8"), str(source), "exec")
     exec(code, {"__name__": "__main__", "__file__": str(tmp_path / "generate.py")})
-    assert {path.name for path in tmp_path.iterdir()} == {"messages.py", "harness.py"}
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in FILES.values()}
     for name, path in FILES.items():
         assert (tmp_path / path.name).read_text(encoding="utf-8") == generate(name)
 
