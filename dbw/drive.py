@@ -155,9 +155,11 @@ class _Session:
     def _locate(self, state: CarState) -> None:
         for fix in self._stage.observe():
             self.localiser.fix(fix)
-        if math.isfinite(state.speed_mps) and math.isfinite(state.curvature_per_m):
-            age_ns = round(max(state.throttle_age_s, state.steering_age_s) * NS_PER_S)
-            self.localiser.odometry(state.time_ns - age_ns, state.speed_mps, state.curvature_per_m)
+        measured = state.odometry
+        if math.isfinite(measured.speed_mps) and math.isfinite(state.curvature_per_m):
+            self.localiser.odometry(
+                measured.time_ns, measured.speed_mps, state.curvature_per_m
+            )
 
     def _decide(self, state: CarState) -> str | None:
         """One decision; answers "" at the goal, a reason when lost, None to go on."""

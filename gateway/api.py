@@ -19,6 +19,7 @@ from gateway.core import PlannerInputs
 from gateway.errors import DisengageFailed, LinkFailed, NotConnected
 from gateway.link import Link
 from gateway.motion_commands import decide_car_command, decide_cmd_vel
+from gateway.poses import given_pose
 from gateway.procedures import disengage, engage, reset
 from gateway.requests import DRIVING_MODES
 from gateway.state import CarState
@@ -86,6 +87,32 @@ class _Session:
                 self.vehicle, left_mps=left_mps, right_mps=right_mps, ackermann_rad=ackermann_rad
             )
         )
+
+    def give_pose(
+        self,
+        *,
+        x_m: float,
+        y_m: float,
+        heading_rad: float,
+        position_sigma_m: float = 0.0,
+        heading_sigma_rad: float = 0.0,
+    ) -> None:
+        """Says where the car is now: `state.odometry` goes on from here, its error as well.
+
+        Args:
+            x_m: Rear axle's centre, within 1e7 m as `y_m`, in a frame of the planner's own.
+            y_m: As x_m.
+            heading_rad: From x towards y; any number of turns up to 1000.
+            position_sigma_m: Standard deviation of x and of y, 0 to 1000.
+            heading_sigma_rad: Standard deviation, 0 to pi.
+
+        Raises:
+            As `command`.
+        """
+        self._require_open()
+        self._link.submit(PlannerInputs(pose=given_pose(
+            x_m, y_m, heading_rad, position_sigma_m, heading_sigma_rad
+        )))
 
     def emergency_brake(self) -> None:
         """Brakes as hard as the car can, at once; returns without waiting.

@@ -18,18 +18,22 @@ from canbus.node import NODE_IDS, Event, EventKind, StepOutput
 from dbc.database import configuration_hash, dbc_hash
 from dbc.endpoint import SPEC_OF_NAME, Endpoint, Message, is_forged, sent_by
 from dbc.messages import (
+    BrakeStatus,
     EmergencyBrake,
     ErrorCode,
     HeartbeatState,
     Mode,
     Reason,
     Request,
+    SteerStatus,
     SupervisorState,
 )
 from dbc.strangers import StrangerLog
 from gateway.command_sender import CommandSender
 from gateway.commands import NS_PER_S, Decision, checked_period_ns, promised_period_ms
 from gateway.kinematics import Kinematics
+from gateway.odometry import Odometry
+from gateway.poses import GivenPose
 from gateway.report import CodeReport
 from gateway.requests import (
     DRIVING_MODES,
@@ -69,6 +73,8 @@ class PlannerInputs:
     """When it was made, on the gateway's clock."""
     request: Final[Request | None]
     """A new request; NONE withdraws the pending one."""
+    pose: Final[GivenPose | None]
+    """Where the car is, for the odometry to go on from."""
 
     def __init__(
         self,
@@ -76,10 +82,12 @@ class PlannerInputs:
         decision: Decision | None = None,
         decided_ns: int = 0,
         request: Request | None = None,
+        pose: GivenPose | None = None,
     ) -> None:
         self.decision = decision
         self.decided_ns = decided_ns
         self.request = request
+        self.pose = pose
 
 
 NO_INPUTS: Final = PlannerInputs()
@@ -99,6 +107,7 @@ class GatewayCore:
         self.vehicle = vehicle
         self.planner_period_ns = planner_period_ns
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
+        self._odometry = Odometry(vehicle)
         self._strangers = StrangerLog()
         self._canopen = CanopenNode(
             NODE_IDS[self.name],
@@ -165,7 +174,8 @@ class GatewayCore:
             emergency_reason=self._emergency_reason,
             foreign_name=self._foreign_name(),
         )
-        return car_state(self._endpoint, self._kinematics, now_ns, own)
+        odometry = self._odometry.pose(now_ns)
+        return car_state(self._endpoint, self._kinematics, odometry, now_ns, own)
 
     # What comes in ---------------------------------------------------------------------------
 
@@ -203,7 +213,15 @@ class GatewayCore:
             self._add_cause(ErrorCode.ER2, Reason.BUS_OFF)
 
     def _follow(self, message: Message) -> None:
-        """The supervisor's mode, and why others brake."""
+        """The car's motion, the supervisor's mode, and why others brake."""
+        if message.can_id == _STEER_ID:
+            steer: SteerStatus = message.content
+            self._odometry.steered(message.arrival_ns, steer.steering_wheel_angle_rad)
+            return
+        if message.can_id == _BRAKE_ID:
+            status: BrakeStatus = message.content
+            self._odometry.rolled(message.arrival_ns, status.rear_wheel_speed_radps)
+            return
         node = EMERGENCY_SENDER.get(message.can_id)
         if node is not None:
             brake: EmergencyBrake = message.content
@@ -245,6 +263,8 @@ class GatewayCore:
         if inputs.decision is not None:
             assert inputs.decided_ns <= self._now_ns, "a decision from the future"
             self._commands.submit(inputs.decision, inputs.decided_ns)
+        if inputs.pose is not None:
+            self._odometry.give(inputs.pose)
         if inputs.request is None:
             return
         if not self._requests.submit(inputs.request, self._now_ns, self._view):
@@ -274,5 +294,7 @@ class GatewayCore:
 
 
 _SUPERVISOR_ID: Final = SPEC_OF_NAME["SUPERVISOR_STATE"].can_id
-_FOLLOWED: Final = frozenset({_SUPERVISOR_ID, *EMERGENCY_SENDER})
+_STEER_ID: Final = SPEC_OF_NAME["STEER_STATUS"].can_id
+_BRAKE_ID: Final = SPEC_OF_NAME["BRAKE_STATUS"].can_id
+_FOLLOWED: Final = frozenset({_SUPERVISOR_ID, _STEER_ID, _BRAKE_ID, *EMERGENCY_SENDER})
 _OWN_IDS: Final = sent_by("Gateway")

@@ -32,6 +32,7 @@ from dbc.messages import (
 )
 from gateway.kinematics import Kinematics
 from gateway.node_health import HealthByNode, NodeHealth
+from gateway.poses import OdometryPose
 from gateway.sentences import INHIBIT_TEXT, MONITOR_TEXT, REASON_TEXT
 
 NS_PER_S: Final = 1_000_000_000
@@ -112,6 +113,8 @@ class CarState:
     steering_wheel_angle_rad: float
     yaw_rate_radps: float
     """Speed times curvature."""
+    odometry: OdometryPose
+    """Where the wheels say it is, and how far that may be off."""
     brake_position_ratio: float
     """Brake servo, 0 released, 1 full; NaN when not available."""
     mode: Mode | None
@@ -167,7 +170,9 @@ class OwnSide:
         self.foreign_name = foreign_name
 
 
-def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnSide) -> CarState:
+def car_state(
+    endpoint: Endpoint, kinematics: Kinematics, odometry: OdometryPose, now_ns: int, own: OwnSide
+) -> CarState:
     """The state from the newest frames, leaving out what is too old."""
     supervisor = _fresh(endpoint, "SUPERVISOR_STATE", SupervisorState, now_ns)
     verdict = _fresh(endpoint, "SAFETY_VERDICT", SafetyVerdict, now_ns)
@@ -189,6 +194,7 @@ def car_state(endpoint: Endpoint, kinematics: Kinematics, now_ns: int, own: OwnS
         curvature_per_m=curvature_per_m,
         steering_wheel_angle_rad=wheel_angle_rad,
         yaw_rate_radps=kinematics.yaw_rate_radps(speed_mps, curvature_per_m),
+        odometry=odometry,
         brake_position_ratio=math.nan if brake is None else brake.servo_position_ratio,
         mode=None if supervisor is None else supervisor.mode,
         is_engaged=supervisor is not None and supervisor.mode is Mode.AUTOMATIC,

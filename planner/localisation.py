@@ -27,6 +27,7 @@ from typing import Final
 
 import numpy as np
 
+from gateway.odometry import moved
 from planner.gnss import SIGMA_M, GnssFix, GnssReceiver
 from planner.pose import Pose
 from planner.road import FloatArray
@@ -177,12 +178,10 @@ class _Step:
 
     def moved(self, pose: Pose) -> Pose:
         """Return the pose at its end."""
-        chord_rad = pose.heading_rad + 0.5 * self.turn_rad
-        return Pose(
-            x_m=pose.x_m + self.distance_m * math.cos(chord_rad),
-            y_m=pose.y_m + self.distance_m * math.sin(chord_rad),
-            heading_rad=pose.heading_rad + self.turn_rad,
+        x_m, y_m, heading_rad = moved(
+            pose.x_m, pose.y_m, pose.heading_rad, self.distance_m, self.turn_rad
         )
+        return Pose(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
 
 
 class _Filter:

@@ -67,11 +67,12 @@ class Lap:
     ended_early: str
 
 
-def campus_plan() -> DrivePlan:
-    """Line and speeds of `dbw demo` on the campus."""
+def campus_plan(distance_m: float | None = None) -> DrivePlan:
+    """Line and speeds of `dbw demo` on the campus: the lap, or a part of it."""
     return make_plan(
-        vehicle=tuned_vehicle(), road=open_road("campus"), planner_period_ns=PLANNER_PERIOD_NS
-    )
+        vehicle=tuned_vehicle(), road=open_road("campus"), planner_period_ns=PLANNER_PERIOD_NS,
+        distance_m=distance_m,
+    )  # fmt: skip
 
 
 class PaperDriver:
@@ -135,10 +136,16 @@ def arc_to(pose: Pose, goal: Pose) -> float:
     return 2.0 * across_m / hypot(dx_m, dy_m) ** 2
 
 
-def our_lap(plan: DrivePlan, seed: int) -> Lap:
-    """The drive loop of `dbw demo`, on the plant of the paper's steps."""
+def our_stage(plan: DrivePlan, seed: int) -> VirtualStage:
+    """Our stack on the plant of the paper's steps."""
     stage = VirtualStage(plan, seed, UAH_PAPER)
     allow_for_lag(stage.world, TUNED_SPEED[LAG])
+    return stage
+
+
+def our_lap(plan: DrivePlan, seed: int) -> Lap:
+    """The drive loop of `dbw demo`."""
+    stage = our_stage(plan, seed)
     samples: list[Sample] = []
     with stage:
         end = drive(stage, plan, lambda _: samples.append(sample(stage.world.car.truth)))

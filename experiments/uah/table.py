@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.uah import accuracy, path, reliability, silence, steps, vernier
+from experiments.uah import accuracy, odometry, path, reliability, silence, steps, vernier
 
 EXPERIMENTS: tuple[Experiment, ...] = (
+    Experiment(
+        id="uah-odometry",
+        title="Odometry from the rear wheels",
+        source="UAH 3.4, Fig. 8",
+        run=odometry.run,
+    ),
     Experiment(
         id="uah-vernier",
         title="Angle sensor, encoder and DAC",
