@@ -205,7 +205,7 @@ class World:
             raise AssertionError("a node without actuator gave a command")
 
         def monitor_sensors(true_ns: int) -> MonitorSensors:
-            return MonitorSensors(emergency_stop_pressed=car.driver.emergency_stop_pressed)
+            return MonitorSensors(emergency_stop_pressed=car.emergency_line)
 
         mountings = {
             "Supervisor": Mounting(

@@ -18,6 +18,7 @@ from ecus.supervisor.ports import SupervisorActuator, SupervisorSensors
 from ecus.throttle.ports import ThrottleActuator, ThrottleSensors
 from simulation.plant.brakes import Brakes
 from simulation.plant.chassis import Chassis
+from simulation.plant.circuits import SafetyCircuits
 from simulation.plant.drive_train import DriveTrain
 from simulation.plant.hardware import Hardware
 from simulation.plant.params import NS_PER_S, PlantParams
@@ -54,6 +55,7 @@ class Car:
         "_brake_noise",
         "_brakes",
         "_chassis",
+        "_circuits",
         "_column",
         "_column_reading_rad",
         "_end_ns",
@@ -106,6 +108,8 @@ class Car:
         self._chassis.y_m = start_pose.y_m
         self._chassis.heading_rad = start_pose.heading_rad
         self._hardware = Hardware(params, start_ns)
+        circuits = params.hardware.circuits
+        self._circuits = None if circuits is None else SafetyCircuits(circuits)
         self.train: DriveTrain | None = None
         if params.drives is not None:
             self.train = DriveTrain(params, params.drives, self._chassis, start_ns)
@@ -248,13 +252,20 @@ class Car:
         )
 
     def sense_supervisor(self, now_ns: int) -> SupervisorSensors:
-        """Reads the panel's button, the emergency-stop input and the relay's contact."""
+        """Reads the panel's button, the emergency-stop line and the relay's contact."""
         self.advance(now_ns)
         return SupervisorSensors(
             button_pressed=self.driver.button_pressed,
-            emergency_stop_pressed=self.driver.emergency_stop_pressed,
+            emergency_stop_pressed=self.emergency_line,
             automatic_relay_closed=self._hardware.relay_closed,
         )
+
+    @property
+    def emergency_line(self) -> bool:
+        """The emergency-stop line: the button, or a safety circuit where the car has them."""
+        circuits = self._circuits
+        raised = circuits is not None and circuits.is_raised(self._now_ns)
+        return self.driver.emergency_stop_pressed or raised
 
     @property
     def pose(self) -> Pose:
@@ -304,6 +315,7 @@ class Car:
         driver = self.driver
         faults = self.faults
         hardware = self._hardware
+        circuits = self._circuits
         column = self._column
         chassis = self._chassis
         traction = self._traction
@@ -330,6 +342,8 @@ class Car:
         while begin_ns < now_ns:
             if begin_ns >= hardware.changes_at_ns:
                 hardware.resolve(begin_ns, pedal_ratio)
+            if circuits is not None:
+                circuits.step(begin_ns, hardware, driver, brakes.servo_ratio)
             column.step(
                 hardware.duty_ratio,
                 hardware.motor_powered and motor_alive,

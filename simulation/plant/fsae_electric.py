@@ -8,7 +8,7 @@ from dataclasses import replace
 from math import radians
 from typing import Final
 
-from simulation.plant.params import PlantParams
+from simulation.plant.params import NS_PER_S, CircuitParams, PlantParams
 
 HALL_RANGE_RAD: Final = radians(90.0)
 HALL_SPAN_V: Final = 4.0
@@ -19,11 +19,26 @@ SENSOR_RANGE_RAD: Final = 4.4
 """Of the column. Assumption: gears that use the sensor's whole range, the vehicle file's +-2.2."""
 ADC_STEP_RAD: Final = SENSOR_RANGE_RAD / HALL_SPAN_V * ADC_STEP_V
 
+CIRCUITS: Final = CircuitParams(
+    pedal_ratio=0.08,  # assumption: a little above the 6 % that the nodes take for a foot
+    braking_ratio=0.05,  # assumption: beyond the pads' clearance
+    torque_nm=4.0,  # assumption: above the 2.5 N.m by which the nodes hand over
+    duty_ratio=0.03,  # assumption: what the comparators can tell from nothing
+    # assumption: twice the nodes' debounce, so that living nodes act first and tell why
+    delay_ns=100_000_000,
+    line_ns=200_000_000,  # assumption: many cycles of a node
+    # assumption: longer than a stop from the top speed by the wet road's front wheels (3.7 s), and
+    # a third of what the servo may be on (the vehicle file's 30 s)
+    brake_ns=10 * NS_PER_S,
+)
+"""UWA Section 6 gives the logic, and no numbers."""
+
 
 def as_measured(pattern: PlantParams) -> PlantParams:
     """The plant with what UWA's paper tells in place of what is derived."""
     return replace(
         pattern,
+        hardware=replace(pattern.hardware, circuits=CIRCUITS),
         steering=replace(
             pattern.steering,
             # assumption: gearbox and belt take 7 % of the motor; the vehicle file's friction has

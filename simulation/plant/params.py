@@ -114,10 +114,24 @@ class SensorParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CircuitParams:
+    """UWA's safety circuits (Section 6); see `circuits.py`."""
+
+    pedal_ratio: float  # the brake pedal's switch closes
+    braking_ratio: float  # a servo further than this brakes
+    torque_nm: float  # on the hand wheel, against the motor
+    duty_ratio: float  # a motor driver's voltage below this pulls no way
+    delay_ns: int  # of the filter before the emergency-brake line
+    line_ns: int  # the line stays raised for the nodes to see it
+    brake_ns: int  # the servo is held full for so long
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HardwareParams:
     """Circuits that work with every ECU's software stopped."""
 
     watchdog_ns: int
+    circuits: CircuitParams | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -92,6 +92,22 @@ def test_hands_of_the_driver_reach_pedals_and_panel() -> None:
     assert not found["SUPERVISOR_SENSORS"].emergency_stop_pressed
 
 
+def test_a_safety_circuit_is_on_the_harness_as_the_emergency_stop_line() -> None:
+    """UWA's car has them; no ECU sends anything here."""
+    for name, is_raised in (("fsae_electric", True), ("tabby_evo", False)):
+        side = PlantSide(build_car(load_vehicle(name), seed=1, start_ns=START_NS), START_NS)
+        hands = DriverHandsWire(**{**HANDS, "brake_pedal_ratio": 0.5})
+        side.step(START_NS + 10 * MS, [relay(START_NS + MS, RelayCoil.CLOSE)])
+        actuator = harness_frame(
+            "BRAKE_ACTUATOR", BrakeActuatorWire(servo_position_ratio=0.0, servo_powered=True)
+        )
+        now_ns = drive_cycles(
+            side, START_NS + 10 * MS, 13, harness_frame("DRIVER_HANDS", hands), actuator
+        )
+        found = contents(side.step(now_ns + 10 * MS, []))
+        assert found["SUPERVISOR_SENSORS"].emergency_stop_pressed is is_raised
+
+
 def test_driver_drives_with_the_relay_open() -> None:
     side = plant()
     hands = DriverHandsWire(**{**HANDS, "throttle_pedal_ratio": 0.5})

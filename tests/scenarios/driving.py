@@ -26,6 +26,7 @@ from gateway.commands import Decision
 from gateway.core import PlannerInputs
 from gateway.state import CarState
 from simulation.link import SimulationLink
+from simulation.plant.params import PlantParams
 from simulation.world import World
 from vehicles import Vehicle, load_vehicle
 
@@ -39,8 +40,10 @@ START_S = 1.0
 class Drive:
     """A world with a planner that asks for one speed and curvature."""
 
-    def __init__(self, seed: int = 1, vehicle: Vehicle = TABBY) -> None:
-        self.world = World(vehicle, seed)
+    def __init__(
+        self, seed: int = 1, vehicle: Vehicle = TABBY, plant: PlantParams | None = None
+    ) -> None:
+        self.world = World(vehicle, seed, plant=plant)
         self.link = SimulationLink(self.world)
         self.car = self.world.car
         self.speed_mps = 0.0
