@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from dbw.failures import EXIT_OK, UserMistake
-from dbw.options import (
-    STANDARD_INPUT,
-    database_options,
-    name_options,
-    signal_option,
-    span_options,
-)
+from dbw.options import database_options, name_options, signal_option, span_options
+from dbw.reading import open_log, signals_of
 
 if TYPE_CHECKING:
     from telemetry.databases import Databases
@@ -94,33 +88,6 @@ def run_decode(options: DecodeOptions) -> int:
     for line in log.problems.lines():
         click.echo(f"dbw: {options.log}: {line}", err=True)
     return EXIT_OK
-
-
-def signals_of(databases: Databases, given: Iterable[str]) -> list[tuple[str, str]]:
-    """`MESSAGE.SIGNAL` as the names of both, as the DBC has them.
-
-    Raises:
-        DatabaseError, UserMistake: There is no such signal.
-    """
-    found = []
-    for text in given:
-        owner, _, name = text.rpartition(".")
-        if not owner:
-            raise UserMistake(f"--signal {text}: MESSAGE.SIGNAL is wanted")
-        message = databases.named(owner)
-        found.append((message.name, databases.signal(message, name).name))
-    return found
-
-
-def open_log(name: str) -> Log:
-    """A log by its name, `-` for standard input.
-
-    Raises:
-        LogError: It cannot be read.
-    """
-    from telemetry.logs.reading import Log, LogStream
-
-    return LogStream(sys.stdin.fileno()) if name == STANDARD_INPUT else Log(name)
 
 
 def _decoder(databases: Databases, options: DecodeOptions) -> tuple[Decoder, bool]:

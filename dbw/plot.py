@@ -71,7 +71,7 @@ def run_plot(options: PlotOptions) -> int:
     Raises:
         LogError, DatabaseError, FolderError, UserMistake: What the user can put right.
     """
-    from dbw.decode import open_log, signals_of
+    from dbw.reading import open_log, signals_of
     from telemetry.databases import load_databases
     from telemetry.folder import ResultFolder
     from telemetry.plot.model import plot_of

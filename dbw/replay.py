@@ -196,7 +196,7 @@ def _check_combination(options: ReplayOptions) -> None:
 
 def _reader(options: ReplayOptions) -> Callable[[], Iterator[FrameColumns]]:
     """Reads the log from its beginning; what could not be read is told the first time."""
-    from dbw.decode import open_log
+    from dbw.reading import open_log
 
     is_told = False
 

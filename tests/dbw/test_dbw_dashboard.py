@@ -17,8 +17,10 @@ from playwright.sync_api import Page, TimeoutError, expect
 from dbw.main import main
 from tests.dbw.test_dbw_wall import ATTEMPTS_MAX, skip_if_busy
 from tests.telemetry.chromium import WAIT_MS_MAX, headless_chromium
+from tests.telemetry.page_socket import Page as PageSocket
 
 HERE_MS_MAX = 20_000
+HERE_S_MAX = HERE_MS_MAX / 1e3
 TOKEN = "a-token-for-tests-0815"
 
 
@@ -68,6 +70,33 @@ def test_a_token_file_is_made_once_and_for_its_owner_alone(
 def test_the_demo_shows_a_page_in_wall_time_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--dashboard"]) == 2
     assert "--dashboard needs --realtime" in capsys.readouterr().err
+
+
+@pytest.mark.wall_clock
+def test_a_page_beside_the_demo_shows_its_drive_and_may_not_take_it_over(tmp_path: Path) -> None:
+    for attempt in range(ATTEMPTS_MAX):
+        out, said = tmp_path / str(attempt), tmp_path / f"{attempt}.txt"
+        demo = ["demo", "--realtime", "--dashboard", "0", "--distance-m", "20", "--out", str(out)]
+        try:
+            with PageSocket(demo, said) as page:
+                try:
+                    watch_the_drive(page)
+                finally:
+                    page.wait()  # it says why it ended early
+        except AssertionError:
+            skip_if_busy(attempt, said.read_text() + " ".join(page.log))
+        else:
+            assert (out / "report.json").exists()
+            return
+
+
+def watch_the_drive(page: PageSocket) -> None:
+    """Until half of it is done."""
+    page.until(lambda: page.shown.get("mode") == "AUTOMATIC", HERE_S_MAX)
+    page.until(lambda: (page.shown["speed_mps"] or 0.0) > 2.0, HERE_S_MAX)
+    page.say("engage")  # the demo's planner has the gateway
+    page.until(lambda: "not possible" in page.refused, HERE_S_MAX)
+    page.until(lambda: page.shown["driven_m"] > 10.0, HERE_S_MAX)
 
 
 @contextmanager

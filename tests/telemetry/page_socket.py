@@ -1,0 +1,123 @@
+"""A `dbw` that serves its page, in a process of its own, and the WebSocket as a browser has it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from runtime.clock import NS_PER_S, monotonic_ns
+
+START = re.compile(r"with controls: http://(localhost:\d+)/#token=(\S+)")
+READ_S_MAX = 20.0
+END_S_MAX = 60.0
+HOLD_NS = 100_000_000
+"""How often a page repeats what is held."""
+
+
+class Page:
+    """A page that watches; `with` starts what serves it, and ends it by Ctrl-C if it has not ended.
+
+    Args:
+        arguments: Of `dbw`; the port is best 0.
+        output: What it says on standard error is kept there.
+
+    Attributes:
+        shown: Every value of the page, by name.
+        log: Its log's texts.
+        refused: Why something was refused, last.
+    """
+
+    def __init__(self, arguments: list[str], output: Path) -> None:
+        self._command = [sys.executable, "-m", "dbw", *arguments]
+        self._output = output
+        self._loop = asyncio.new_event_loop()
+        self.shown: dict[str, Any] = {}
+        self.log: list[str] = []
+        self.refused = ""
+
+    def __enter__(self) -> Self:
+        with self._output.open("wb") as sink:
+            self._process = subprocess.Popen(
+                self._command, stdout=subprocess.PIPE, stderr=sink, text=True
+            )
+        try:
+            assert self._process.stdout is not None
+            found = None
+            while found is None:
+                line = self._process.stdout.readline()
+                assert line, self._output.read_text()
+                found = START.search(line)
+            host, token = found.groups()
+            self._socket = self._loop.run_until_complete(_open(host))
+            self.say("show_token", token=token)
+        except BaseException:
+            self._process.kill()
+            self._process.wait()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._socket.close()
+        self._process.send_signal(signal.SIGINT)  # which one that has ended does not get
+        code = self._process.wait(END_S_MAX)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        self._loop.close()
+        assert code == 0, self._output.read_text()
+
+    def wait(self) -> None:
+        """Until it ends by itself; reads all it says meanwhile."""
+        assert self._process.stdout is not None
+        self._process.stdout.read()
+        self._process.wait(END_S_MAX)
+
+    def say(self, do: str, **more: Any) -> None:
+        """What a page sends."""
+        text = json.dumps({"do": do, **more})
+        self._loop.run_until_complete(_send(self._socket, text))
+
+    def until(
+        self, is_so: Callable[[], bool], limit_s: float, held: dict[str, float] | None = None
+    ) -> None:
+        """Reads what the page is sent until something is so; meanwhile holds what is held."""
+        deadline_ns = monotonic_ns() + round(limit_s * NS_PER_S)
+        due_ns = 0
+        while not is_so():
+            now_ns = monotonic_ns()
+            assert now_ns < deadline_ns, f"not within {limit_s:g} s\n{self.shown}\n{self.log}"
+            if held is not None and now_ns >= due_ns:
+                self.say("hold", **held)
+                due_ns = now_ns + HOLD_NS
+            self._take(self._loop.run_until_complete(_read(self._socket)))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        self.refused = message.get("refused", self.refused)
+        news = message.get("news", {})
+        self.log += [line["text"] for line in news.get("log", [])]
+        self.shown |= news
+
+
+async def _open(host: str) -> WebSocketClientConnection:
+    request = HTTPRequest(f"ws://{host}/bus", headers={"Origin": f"http://{host}"})
+    return await websocket_connect(request)
+
+
+async def _send(socket: WebSocketClientConnection, text: str) -> None:
+    await socket.write_message(text)
+
+
+async def _read(socket: WebSocketClientConnection) -> dict[str, Any]:
+    text = await asyncio.wait_for(socket.read_message(), READ_S_MAX)
+    assert isinstance(text, str), "the dashboard closed the connection"
+    message: dict[str, Any] = json.loads(text)
+    return message
