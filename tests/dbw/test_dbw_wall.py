@@ -27,7 +27,7 @@ from runtime.clock import monotonic_ns
 from runtime.launch import StackSettings
 from tests.runtime.folder_bus import NAME as FOLDER
 from tests.runtime.folder_bus import register
-from vehicles import load_vehicle
+from vehicles import known_vehicles, load_vehicle
 
 pytestmark = pytest.mark.wall_clock
 
@@ -44,13 +44,15 @@ def skip_if_busy(attempt: int, text: str) -> None:
         pytest.skip("the machine is too busy for nodes with a 10 ms cycle")
 
 
+@pytest.mark.parametrize("vehicle", known_vehicles())
 def test_realtime_drive_on_the_virtual_bus_writes_the_same_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    vehicle: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for attempt in range(ATTEMPTS_MAX):
         out = tmp_path / str(attempt)
-        options = ["--channel", f"wall-{attempt}", "--distance-m", "8", "--out", str(out)]
-        code = main(["demo", "--realtime", *options])
+        channel = f"wall-{vehicle}-{attempt}"
+        options = ["--vehicle", vehicle, "--channel", channel, "--distance-m", "8"]
+        code = main(["demo", "--realtime", *options, "--out", str(out)])
         if code == 0:
             break
         skip_if_busy(attempt, capsys.readouterr().err)
@@ -63,7 +65,7 @@ def test_realtime_drive_on_the_virtual_bus_writes_the_same_files(
     assert 0.3 < report["real_time_factor"] < 1.05
     assert 0.1 < report["bus_load_mean"] < 0.5
     first = (out / "drive.log").read_text().splitlines()[0]
-    assert re.fullmatch(rf"\(\d{{10}}\.\d{{6}}\) wall-{attempt} [0-9A-F]{{3}}#[0-9A-F]*", first)
+    assert re.fullmatch(rf"\(\d{{10}}\.\d{{6}}\) {channel} [0-9A-F]{{3}}#[0-9A-F]*", first)
 
 
 def test_example_planner_drives(capsys: pytest.CaptureFixture[str]) -> None:
