@@ -154,7 +154,7 @@ def _rolls(options: CalibrateOptions, vehicle: Vehicle) -> list[tuple[str, Roll]
 
 
 def _logged(name: str, options: CalibrateOptions, decoder: Decoder) -> Decoded:
-    from dbw.decode import open_log
+    from dbw.reading import open_log
     from telemetry.logs.frames import joined
 
     log = open_log(name)
