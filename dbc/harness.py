@@ -371,15 +371,19 @@ class BrakeSensorsWire:
     """NaN: not available."""
     pedal_ratio: Final[float]
     """NaN: not available."""
+    slope_rad: Final[float]
+    """Inclinometer, positive nose up. NaN: not available."""
 
     def __init__(
         self,
         *,
         servo_position_ratio: float,
         pedal_ratio: float,
+        slope_rad: float,
     ) -> None:
         self.servo_position_ratio = servo_position_ratio
         self.pedal_ratio = pedal_ratio
+        self.slope_rad = slope_rad
 
 
 def _pack_brake_sensors_wire(message: BrakeSensorsWire) -> int:
@@ -398,6 +402,13 @@ def _pack_brake_sensors_wire(message: BrakeSensorsWire) -> int:
         bits |= (round(x / 0.0005) & 0xFFF) << 12
     else:
         raise SignalRangeError("BrakeSensorsWire.pedal_ratio", x, 0, 2.0, "1")
+    x = message.slope_rad
+    if x != x:
+        bits |= 0x8000 << 24
+    elif -1.5 <= x <= 1.5:
+        bits |= (round(x / 5e-05) & 0xFFFF) << 24
+    else:
+        raise SignalRangeError("BrakeSensorsWire.slope_rad", x, -1.5, 1.5, "rad")
     return bits
 
 
@@ -416,9 +427,19 @@ def _unpack_brake_sensors_wire(bits: int) -> BrakeSensorsWire:
         pedal_ratio = r * 0.0005
         if not 0 <= pedal_ratio <= 2.0:
             raise SignalRangeError("BrakeSensorsWire.pedal_ratio", pedal_ratio, 0, 2.0, "1")
+    r = bits >> 24 & 0xFFFF
+    if r == 0x8000:
+        slope_rad = NAN
+    else:
+        if r & 0x8000:
+            r -= 0x10000
+        slope_rad = r * 5e-05
+        if not -1.5 <= slope_rad <= 1.5:
+            raise SignalRangeError("BrakeSensorsWire.slope_rad", slope_rad, -1.5, 1.5, "rad")
     return BrakeSensorsWire(
         servo_position_ratio=servo_position_ratio,
         pedal_ratio=pedal_ratio,
+        slope_rad=slope_rad,
     )
 
 
@@ -762,14 +783,14 @@ SPECS: Final[dict[int, MessageSpec]] = {
     0x205: MessageSpec(
         can_id=0x205,
         name="BRAKE_SENSORS",
-        length=3,
+        length=5,
         sender='Plant',
         receivers=frozenset({'BrakeServo'}),
         cycle_ns=10_000_000,
         timeout_ns=0,
         min_interval_ns=0,
         data_id=None,
-        units={'servo_position_ratio': '1', 'pedal_ratio': '1'},
+        units={'servo_position_ratio': '1', 'pedal_ratio': '1', 'slope_rad': 'rad'},
         pack=_pack_brake_sensors_wire,
         unpack=_unpack_brake_sensors_wire,
     ),

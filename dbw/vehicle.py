@@ -19,6 +19,10 @@ ASSUMPTION = "assumption"
 """How the source of a number begins that nobody has measured or published."""
 
 
+GRAVITY_MPS2 = 9.80665
+"""Standard gravity (ISO 80000-3)."""
+
+
 @click.group(
     cls=PlainGroup,
     epilog="""\b
@@ -68,6 +72,8 @@ def _consequences(vehicle: Vehicle) -> Iterator[tuple[str, str]]:
     yield "smallest radius", f"{1.0 / vehicle.curvature_per_m_max:.2f} m"
     yield "top speed", f"{3.6 * traction.speed_mps_max:.1f} km/h"
     yield "longest emergency stop", f"{vehicle.longest_stop_s:.2f} s"
+    steepest = min(brake.hold_ratio * brake.deceleration_mps2_full / GRAVITY_MPS2, 1.0)
+    yield "steepest slope held at a stop", f"{math.degrees(math.asin(steepest)):.1f} deg"
     yield "brake servo's on-time limit (ER3)", f"{brake.on_time_s_max:g} s"
     age_ms = 1000.0 * vehicle.times.command_timeout_s
     yield "oldest decision ever obeyed (ER5)", f"{age_ms:.0f} ms"

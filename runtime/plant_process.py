@@ -60,6 +60,7 @@ POSE_CYCLES = 2
 
 COLUMN_ANGLE_RAD_MAX = 16.7
 DRIVER_TORQUE_NM_MAX = 65.0
+SLOPE_RAD_MAX = 1.5
 
 RELAY_OF_COIL = {RelayCoil.LEAVE: None, RelayCoil.OPEN: False, RelayCoil.CLOSE: True}
 """What a pulse of the coil does to the manual/automatic relay."""
@@ -190,7 +191,9 @@ class PlantSide:
                 wheel_count=brake.wheel_count, wheel_edge_age_s=brake.wheel_edge_age_s
             ),
             "BRAKE_SENSORS": BrakeSensorsWire(
-                servo_position_ratio=brake.servo_position_ratio, pedal_ratio=brake.pedal_ratio
+                servo_position_ratio=brake.servo_position_ratio,
+                pedal_ratio=brake.pedal_ratio,
+                slope_rad=_clip(brake.slope_rad, SLOPE_RAD_MAX),
             ),
             "SUPERVISOR_SENSORS": SupervisorSensorsWire(
                 button_pressed=panel.button_pressed,

@@ -105,7 +105,7 @@ class ThrottleWires(_Inputs):
 
 
 class BrakeWires(_Inputs):
-    """Brake servo and pedal, rear-wheel encoder."""
+    """Brake servo and pedal, rear-wheel encoder, inclinometer."""
 
     def __init__(self) -> None:
         super().__init__("BRAKE_SENSORS", "BRAKE_ENCODER")
@@ -118,16 +118,18 @@ class BrakeWires(_Inputs):
             encoder: BrakeEncoderWire = reading.content
             wheel_count = encoder.wheel_count
             wheel_edge_age_s = edge_age_s(encoder.wheel_edge_age_s, reading, now_ns)
-        servo_ratio, pedal_ratio = NAN, NAN
+        servo_ratio, pedal_ratio, slope_rad = NAN, NAN, NAN
         reading = self._inbox.newest("BRAKE_SENSORS")
         if reading is not None and not is_stale(reading, now_ns):
             wire: BrakeSensorsWire = reading.content
             servo_ratio, pedal_ratio = wire.servo_position_ratio, wire.pedal_ratio
+            slope_rad = wire.slope_rad
         return BrakeSensors(
             servo_position_ratio=servo_ratio,
             pedal_ratio=pedal_ratio,
             wheel_count=wheel_count,
             wheel_edge_age_s=wheel_edge_age_s,
+            slope_rad=slope_rad,
         )
 
     def frames(self, actuator: BrakeActuator) -> list[Frame]:

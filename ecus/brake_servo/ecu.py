@@ -9,7 +9,7 @@ from typing import Final
 
 from canbus.node import PERIOD_NS
 from dbc.messages import BrakeDriver, BrakeStatus, ErrorCode, Mode, Reason
-from ecus.brake_servo.control import RestInputs, ServoRest, approach
+from ecus.brake_servo.control import HillHold, RestInputs, ServoRest, approach
 from ecus.brake_servo.mode import ACTION, NOT_DRIVEN, BrakeAction, Situation
 from ecus.brake_servo.params import EXPOSED, BrakeParams
 from ecus.brake_servo.ports import RELEASED, BrakeActuator, BrakeSensors
@@ -50,6 +50,7 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
             parameters={name: getattr(self.params, name) for name in EXPOSED},
         )
         self.rest = ServoRest()
+        self._hill = HillHold()
         self._encoder = EncoderSpeed(self.params.wheel_encoder_pulses_per_rev)
         self._stuck = Debounce(round(TRAVEL_MARGIN * self.params.full_travel_s * NS_PER_S))
         self._position_ratio = 0.0
@@ -76,6 +77,8 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
             -REAR_SPEED_RADPS_MAX,
             REAR_SPEED_RADPS_MAX,
         )
+        speed_mps = self._wheel_speed_radps * self.params.wheel_radius_m
+        self._hill.sense(now_ns, PERIOD_S, speed_mps, sensors.slope_rad)
         if self._driving_situation() is not Situation.STOPPING:
             self._stopping_since_ns = now_ns
         self._position_ratio = readable_ratio(sensors.servo_position_ratio)
@@ -138,6 +141,10 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
             self._applied_ratio = 0.0
             return BrakeActuator(servo_position_ratio=0.0, servo_powered=True)
         wanted = self._wanted_ratio(now_ns)
+        if self._action is BrakeAction.FOLLOW:
+            wanted = self._hill.update(now_ns, wanted, self._applied_ratio)
+        else:
+            self._hill.forget()
         if self._action is BrakeAction.FULL:
             self._applied_ratio = wanted  # as fast as the servo can
         else:

@@ -18,6 +18,8 @@ class BrakeSensors:
     """Signed count of the rear-wheel encoder's edges since power-on."""
     wheel_edge_age_s: Final[float]
     """How long before this reading the latest edge came, at most 1.0."""
+    slope_rad: Final[float]
+    """Inclinometer, positive nose up; right while the car stands; NaN: broken, or none."""
 
     def __init__(
         self,
@@ -26,11 +28,13 @@ class BrakeSensors:
         pedal_ratio: float,
         wheel_count: int,
         wheel_edge_age_s: float,
+        slope_rad: float,
     ) -> None:
         self.servo_position_ratio = servo_position_ratio
         self.pedal_ratio = pedal_ratio
         self.wheel_count = wheel_count
         self.wheel_edge_age_s = wheel_edge_age_s
+        self.slope_rad = slope_rad
 
 
 @dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)

@@ -45,6 +45,15 @@ class SpeedLoop:
         self.reference_mps = self._expected_mps = max(speed_mps, 0.0)
         self._integral_mps2 = 0.0
 
+    def push(
+        self, acceleration_mps2: float, hill_mps2: float, params: ThrottleParams
+    ) -> ThrottleActuator:
+        """Pushes against the brake; `hill_mps2` is what the hill takes if the car moves now, and
+        the loop goes on from there."""
+        self.reference_mps = self._expected_mps = 0.0
+        self._integral_mps2 = clamp(hill_mps2, -INTEGRAL_MPS2_MAX, INTEGRAL_MPS2_MAX)
+        return actuator_of(acceleration_mps2, params)
+
     def update(
         self,
         target_mps: float,
@@ -53,8 +62,18 @@ class SpeedLoop:
         params: ThrottleParams,
         *,
         is_servo_braking: bool,
+        brake_mps2: float = 0.0,
     ) -> ThrottleActuator:
-        """DAC codes that bring the car to the target speed within the limits."""
+        """DAC codes that bring the car to the target speed within the limits.
+
+        Args:
+            target_mps: Within the limits of `params`, or cut to them.
+            speed_mps: Measured.
+            dt_s: Since the last update.
+            params: Gains and limits.
+            is_servo_braking: No drive torque, and a frozen integrator.
+            brake_mps2: What a brake takes that is let go in favour of the drive (hill start).
+        """
         before_mps = self.reference_mps
         target_mps = clamp(target_mps, 0.0, params.speed_mps_max)
         rising = target_mps > before_mps
@@ -72,6 +91,7 @@ class SpeedLoop:
         feed_forward = params.feed_forward_gain * (self.reference_mps - before_mps) / dt_s
         resistance = math.copysign(params.rolling_resistance_mps2, self.reference_mps)
         wanted = feed_forward + resistance + params.speed_gain * error_mps + self._integral_mps2
+        wanted += brake_mps2
         low, high = -params.regen_deceleration_mps2_full, params.drive_acceleration_mps2_full
         if is_servo_braking:
             return actuator_of(min(wanted, 0.0), params)

@@ -22,6 +22,7 @@ from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp, readable_ratio
 from ecus.common.node_state import SAFE_STATES
 from ecus.throttle.control import SpeedLoop, actuator_of
+from ecus.throttle.hill_start import HillPhase, HillStart
 from ecus.throttle.mode import ACTION, Situation, ThrottleAction
 from ecus.throttle.params import EXPOSED, ThrottleParams
 from ecus.throttle.ports import IDLE, ThrottleActuator, ThrottleSensors
@@ -60,6 +61,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             parameters={name: getattr(self.params, name) for name in EXPOSED},
         )
         self.loop = SpeedLoop()
+        self._hill = HillStart()
         self._encoder = EncoderSpeed(self.params.encoder_pulses_per_rev)
         self._wheel_speed_radps = 0.0
         self._pedal_ratio = 0.0
@@ -116,13 +118,34 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         if self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
             brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
         is_servo_braking = brake is None or not brake.servo_position_ratio <= BRAKING_RATIO_MIN
-        actuator = self.loop.update(
-            self._target_mps(now_ns),
-            self._speed_mps,
+        target_mps = self._target_mps(now_ns)
+        phase = self._hill.update(
+            now_ns,
             PERIOD_S,
-            self.params,
-            is_servo_braking=is_servo_braking,
+            is_held=is_servo_braking
+            and target_mps > 0.0
+            and brake is not None
+            and brake.applied_position_ratio > BRAKING_RATIO_MIN,
+            speed_mps=self._speed_mps,
+            hold_mps2=self.params.hold_mps2,
         )
+        brake_mps2 = 0.0
+        if phase is not HillPhase.NONE:
+            assert brake is not None
+            brake_mps2 = brake.servo_position_ratio * self.params.brake_mps2_full
+            is_servo_braking = False
+        if phase is HillPhase.PUSH:
+            hill_mps2 = self._hill.felt_mps2 - brake_mps2
+            actuator = self.loop.push(self._hill.push_mps2, hill_mps2, self.params)
+        else:
+            actuator = self.loop.update(
+                target_mps,
+                self._speed_mps,
+                PERIOD_S,
+                self.params,
+                is_servo_braking=is_servo_braking,
+                brake_mps2=brake_mps2,
+            )
         if self._wheels is None:
             return actuator
         if not is_servo_braking:  # else no torque against the pads

@@ -43,6 +43,9 @@ class ThrottleParams:
     regen_deceleration_mps2_full: float
     """Deceleration at full regeneration."""
     brake_travel_s: float
+    hold_mps2: float
+    """Deceleration of a brake that holds the standing car."""
+    brake_mps2_full: float
     drive_lag_s: float = 0.0
     """From a torque demand to the torque, dead time and time constant together; 0: not modelled."""
 
@@ -71,4 +74,6 @@ class ThrottleParams:
             drive_acceleration_mps2_full=traction.motor_torque_nm_max * mps2_per_nm,
             regen_deceleration_mps2_full=traction.regen_torque_nm_max * mps2_per_nm,
             brake_travel_s=vehicle.brake.full_travel_s,
+            brake_mps2_full=vehicle.brake.deceleration_mps2_full,
+            hold_mps2=vehicle.brake.hold_ratio * vehicle.brake.deceleration_mps2_full,
         )

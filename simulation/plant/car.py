@@ -21,7 +21,7 @@ from simulation.plant.chassis import Chassis
 from simulation.plant.circuits import SafetyCircuits
 from simulation.plant.drive_train import DriveTrain
 from simulation.plant.hardware import Hardware
-from simulation.plant.params import NS_PER_S, PlantParams
+from simulation.plant.params import GRAVITY_MPS2, NS_PER_S, PlantParams
 from simulation.plant.sensors import Encoder, NoiseSource, quantise_ratio
 from simulation.plant.state import DriverInputs, PlantFaults, Pose, Truth
 from simulation.plant.steering import SteeringColumn
@@ -65,6 +65,7 @@ class Car:
         "_motor_encoder",
         "_now_ns",
         "_road",
+        "_slope_noise",
         "_steering_noise",
         "_step_ns",
         "_throttle_noise",
@@ -131,10 +132,11 @@ class Car:
         self._hand_wheel_inertia = params.steering.hand_wheel_inertia_kgm2
         self._column_reading_rad = sensors.column_angle_zero_rad
         self._road = (params.chassis.friction_mu, params.chassis.slope_rad, 0.0)
-        streams = rng.spawn(3)
+        streams = rng.spawn(4)
         self._steering_noise = NoiseSource(streams[0])
         self._throttle_noise = NoiseSource(streams[1])
         self._brake_noise = NoiseSource(streams[2])
+        self._slope_noise = NoiseSource(streams[3])
 
     def advance(self, now_ns: int) -> None:
         """Integrates up to this time; asking for the present again does nothing.
@@ -226,7 +228,10 @@ class Car:
         )
 
     def sense_brake(self, now_ns: int) -> BrakeSensors:
-        """Reads the servo, the brake pedal (which the servo moves too) and a rear wheel."""
+        """Reads the servo, the brake pedal (which the servo moves too), a rear wheel and the slope.
+
+        The slope is that of gravity and acceleration together, as an inclinometer feels it.
+        """
         self.advance(now_ns)
         faults = self.faults
         sensors = self.params.sensors
@@ -249,6 +254,12 @@ class Car:
             pedal_ratio=pedal_ratio,
             wheel_count=count,
             wheel_edge_age_s=age_s,
+            slope_rad=(
+                self._road[1]
+                + self._chassis.accel_longitudinal_mps2 / GRAVITY_MPS2
+                + sensors.slope_zero_rad
+                + sensors.slope_noise_rad * self._slope_noise.draw()
+            ),
         )
 
     def sense_supervisor(self, now_ns: int) -> SupervisorSensors:

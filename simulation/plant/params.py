@@ -111,6 +111,8 @@ class SensorParams:
     servo_steps: int
     pedal_noise_ratio: float
     servo_noise_ratio: float
+    slope_zero_rad: float
+    slope_noise_rad: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,6 +293,9 @@ TABBY_EVO: Final = PlantParams(
         servo_steps=1023,  # assumption: 10-bit ADC on the servo's potentiometer
         pedal_noise_ratio=0.001,
         servo_noise_ratio=0.002,
+        # assumption: a MEMS inclinometer, 0.3 deg askew, 0.2 deg of noise
+        slope_zero_rad=0.005,
+        slope_noise_rad=0.0035,
     ),
     hardware=HardwareParams(
         watchdog_ns=50_000_000,  # design: one per actuator

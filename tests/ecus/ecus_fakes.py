@@ -52,7 +52,8 @@ IDLE_SENSORS: dict[str, Any] = {
     "Steering": SteeringSensors(column_angle_rad=0.0, driver_torque_nm=0.0, motor_fault=False),
     "Throttle": ThrottleSensors(encoder_count=0, encoder_edge_age_s=1.0, pedal_ratio=0.0),
     "BrakeServo": BrakeSensors(
-        servo_position_ratio=0.0, pedal_ratio=0.0, wheel_count=0, wheel_edge_age_s=1.0
+        servo_position_ratio=0.0, pedal_ratio=0.0, wheel_count=0, wheel_edge_age_s=1.0,
+        slope_rad=0.0,
     ),
 }
 ECUS: dict[str, Callable[[Vehicle], Any]] = {
@@ -141,6 +142,7 @@ class Rig:
         self.servo: float | None = 0.0
         self.rear_wheel_speed_radps = 0.0
         """What BRAKE_STATUS says; None: silent."""
+        self.servo_applied = math.nan
         self.speed_mps = 0.0
         self.driver_pedal = 0.0
         """The driver's foot on the brake."""
@@ -209,7 +211,7 @@ class Rig:
         if self.name != "BrakeServo" and self.servo is not None:
             brake = BrakeStatus(
                 servo_position_ratio=self.servo,
-                applied_position_ratio=math.nan,
+                applied_position_ratio=self.servo_applied,
                 rear_wheel_speed_radps=self.rear_wheel_speed_radps,
             )
             frames.append(self.peers["BrakeServo"].frame("BRAKE_STATUS", brake))

@@ -35,7 +35,7 @@ MS = 1_000_000
 STEERING = SteeringSensorsWire(column_angle_rad=0.5, driver_torque_nm=-1.25, motor_fault=True)
 THROTTLE = ThrottleSensorsWire(encoder_count=-7, encoder_edge_age_s=0.002, pedal_ratio=0.25)
 ENCODER = BrakeEncoderWire(wheel_count=42, wheel_edge_age_s=0.004)
-BRAKE = BrakeSensorsWire(servo_position_ratio=0.75, pedal_ratio=0.5)
+BRAKE = BrakeSensorsWire(servo_position_ratio=0.75, pedal_ratio=0.5, slope_rad=0.1)
 STOP = SupervisorSensorsWire(
     button_pressed=True, emergency_stop_pressed=False, automatic_relay_closed=True
 )
@@ -84,7 +84,7 @@ def test_stale_is_what_the_hardware_watchdogs_call_stale() -> None:
 
 
 def test_nan_of_a_broken_sensor_comes_through() -> None:
-    broken = BrakeSensorsWire(servo_position_ratio=math.nan, pedal_ratio=0.5)
+    broken = BrakeSensorsWire(servo_position_ratio=math.nan, pedal_ratio=0.5, slope_rad=math.nan)
     sensors = given(BrakeWires(), 0, BRAKE_SENSORS=broken).sensors(0)
     assert math.isnan(sensors.servo_position_ratio) and sensors.pedal_ratio == 0.5
 
