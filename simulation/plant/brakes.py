@@ -1,6 +1,23 @@
 """Brakes: the servo that pulls the pedal, the pedal itself and the force it makes."""
 
-from simulation.plant.params import NS_PER_S, BrakeParams
+from simulation.plant.params import NS_PER_S, BrakeParams, ServoHeatParams
+
+
+class ServoHeat:
+    """The servo's poles: the spring pulls against them as hard as the pedal is pulled."""
+
+    __slots__ = ("_burnt_ratio", "_gain", "heat_ratio", "is_burnt")
+
+    def __init__(self, params: ServoHeatParams, step_ns: int) -> None:
+        self._gain = step_ns / NS_PER_S / params.time_constant_s
+        self._burnt_ratio = params.burnt_ratio
+        self.heat_ratio = 0.0
+        self.is_burnt = False
+
+    def step(self, pull_ratio: float) -> None:
+        """Integrates one step; the pull is 0 without power."""
+        self.heat_ratio += self._gain * (pull_ratio * pull_ratio - self.heat_ratio)
+        self.is_burnt = self.is_burnt or self.heat_ratio >= self._burnt_ratio
 
 
 class Brakes:
@@ -12,6 +29,7 @@ class Brakes:
         "_dead_band",
         "_force_per_ratio",
         "_return_per_step",
+        "heat",
         "pedal_ratio",
         "servo_ratio",
     )
@@ -23,6 +41,8 @@ class Brakes:
         self._dead_band = params.servo_dead_band_ratio
         self._clearance = params.pad_clearance_ratio
         self._force_per_ratio = params.force_full_n / (1.0 - params.pad_clearance_ratio)
+        heat = params.servo_heat
+        self.heat = None if heat is None else ServoHeat(heat, step_ns)
         self.servo_ratio = 0.0
         self.pedal_ratio = 0.0
 
@@ -42,6 +62,10 @@ class Brakes:
             Brake force of the whole car, newtons, before the tyres' limits.
         """
         servo = self.servo_ratio
+        heat = self.heat
+        if heat is not None:
+            powered = powered and not heat.is_burnt
+            heat.step(servo if powered else 0.0)
         if not stuck:
             if powered:
                 error = target_ratio - servo

@@ -5,13 +5,12 @@ the paper's own controller on this plant (`experiments/uwa`); a test pins them.
 """
 
 from dataclasses import replace
-from math import radians
 from typing import Final
 
-from simulation.plant.params import NS_PER_S, CircuitParams, PlantParams
+from simulation.plant.params import NS_PER_S, CircuitParams, PlantParams, ServoHeatParams
 
-HALL_RANGE_RAD: Final = radians(90.0)
 HALL_SPAN_V: Final = 4.0
+HALL_MIDDLE_V: Final = 2.5
 """Honeywell HRS100SSAB-090 (UWA 4.2); assumption: 0.5 V to 4.5 V over its 90 deg."""
 ADC_STEP_V: Final = 5.0 / 1023
 """Arduino Uno (UWA 2): 10 bit over 5 V."""
@@ -33,6 +32,14 @@ CIRCUITS: Final = CircuitParams(
 )
 """UWA Section 6 gives the logic, and no numbers."""
 
+SERVO_HEAT: Final = ServoHeatParams(time_constant_s=180.0, burnt_ratio=0.49)
+"""UWA Table 2: "servomotor pole burnout". Assumption: after two minutes of a full pull."""
+
+
+def column_angle_rad(volts: float) -> float:
+    """What the steering ECU makes of the hall sensor's voltage; 0 V and 5 V are a broken wire."""
+    return (volts - HALL_MIDDLE_V) / HALL_SPAN_V * SENSOR_RANGE_RAD
+
 
 def as_measured(pattern: PlantParams) -> PlantParams:
     """The plant with what UWA's paper tells in place of what is derived."""
@@ -49,6 +56,7 @@ def as_measured(pattern: PlantParams) -> PlantParams:
             pattern.brakes,
             # fitted to UWA Section 8: an error of 0.6 deg on the average; assumption: of 90 deg
             servo_dead_band_ratio=0.010,
+            servo_heat=SERVO_HEAT,
         ),
         sensors=replace(
             pattern.sensors,

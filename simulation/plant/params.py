@@ -53,6 +53,14 @@ class TractionParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ServoHeatParams:
+    """How a servo that pulls for too long burns: heat follows the square of its pull."""
+
+    time_constant_s: float
+    burnt_ratio: float  # of the heat of a full pull for ever; there its poles burn, for good
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BrakeParams:
     """UWA's brake servo on the pedal of UAH's car (UAH had none: an assumption as a whole)."""
 
@@ -62,6 +70,7 @@ class BrakeParams:
     force_full_n: float
     pad_clearance_ratio: float
     front_share_ratio: float
+    servo_heat: ServoHeatParams | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

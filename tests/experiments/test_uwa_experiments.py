@@ -14,7 +14,7 @@ from experiments.uwa.stack import PLANT, VEHICLE
 from experiments.uwa.throttle import FILTER_S, PWM_HZ, filtered_v, multimeter_v, ripple_v
 from simulation.plant.car import Car
 from simulation.plant.derived import derived, plant_of
-from simulation.plant.fsae_electric import CIRCUITS
+from simulation.plant.fsae_electric import CIRCUITS, SERVO_HEAT
 
 STILL = PidGains(proportional=0.0, integral_per_s=0.0, derivative_s=0.0)
 
@@ -30,7 +30,7 @@ def test_the_plant_is_the_cars_own_and_pinned_where_the_paper_measured_it() -> N
         pattern,
         hardware=replace(pattern.hardware, circuits=CIRCUITS),
         steering=replace(pattern.steering, coulomb_torque_nm=3.1),
-        brakes=replace(pattern.brakes, servo_dead_band_ratio=0.010),
+        brakes=replace(pattern.brakes, servo_dead_band_ratio=0.010, servo_heat=SERVO_HEAT),
         sensors=replace(
             pattern.sensors,
             column_angle_step_rad=4.4 / 4.0 * 5.0 / 1023,
