@@ -289,6 +289,8 @@ class InProcessStack:
         )
         plant = PlantSide(car, start_ns)
         bus = buses.enter_context(self._open(self.harness_channel, ACCEPTANCE))
+        drives = plant.drive_acceptance
+        vehicle_bus = buses.enter_context(self._open(self.channel, drives)) if drives else None
         self._plant = plant
 
         def run(stop: threading.Event) -> NodeResult:
@@ -300,9 +302,12 @@ class InProcessStack:
                     stop,
                     self._events.append,
                     lambda truth: self._plant_is_up.set(),
+                    vehicle_bus=vehicle_bus,
                 )
             finally:
                 bus.close()
+                if vehicle_bus is not None:
+                    vehicle_bus.close()
 
         return _Worker(PLANT, run)
 

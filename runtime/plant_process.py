@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 from numpy.random import default_rng
@@ -96,6 +97,20 @@ class PlantSide:
         self.truth: Truth = car.truth
         self.bad_frames = 0
         self.stalled_ns = 0
+
+    @property
+    def drive_acceptance(self) -> frozenset[int]:
+        """Identifiers of the vehicle bus that the car's motor drives read; none without drives."""
+        return frozenset() if self._car.train is None else self._car.train.acceptance
+
+    def hear_vehicle_bus(self, received: Sequence[ReceivedFrame]) -> None:
+        """Frames for the motor drives, which see them in the next step."""
+        if self._car.train is not None:
+            self._car.train.hear(item.frame for item in received)
+
+    def drive_frames(self) -> list[Frame]:
+        """What the motor drives have to say on the vehicle bus after a step."""
+        return [] if self._car.train is None else self._car.train.take_frames()
 
     def step(self, now_ns: int, received: Sequence[ReceivedFrame]) -> list[Frame]:
         """One cycle: commands act at their arrival, then every sensor is read.
@@ -228,6 +243,7 @@ def run_plant(
     report: Report,
     on_cycle: Callable[[Truth], None] = lambda truth: None,
     alive: Callable[[int], None] = lambda now_ns: None,
+    vehicle_bus: Bus | None = None,
 ) -> NodeResult:
     """Runs the plant on the harness bus until `stop` is set.
 
@@ -239,6 +255,7 @@ def run_plant(
         report: gets what goes wrong.
         on_cycle: gets the truth of every cycle, in the plant's own thread.
         alive: called with the time at the end of every cycle, for watchdogs.
+        vehicle_bus: where the car's motor drives are, open; None for a car without drives.
 
     Returns:
         How it ended; an exception is reported and in `failure`, not raised.
@@ -255,8 +272,13 @@ def run_plant(
                 continue
             now_ns = clock()
             pacer.begin(now_ns)
+            if vehicle_bus is not None:
+                plant.hear_vehicle_bus(vehicle_bus.receive(0))
             for frame in plant.step(now_ns, received):
                 tx_failures += not bus.send(frame)
+            if vehicle_bus is not None:
+                for frame in plant.drive_frames():
+                    tx_failures += not vehicle_bus.send(frame)
             received = []
             on_cycle(plant.truth)
             end_ns = clock()
@@ -285,7 +307,7 @@ def run_plant_process(
     Raises:
         LaunchError: the vehicle is unknown, or the system refuses what was asked
             of it by name.
-        BusError: the harness bus cannot be opened.
+        BusError: the harness bus, or the drives' bus, cannot be opened.
     """
     vehicle = settings.load_vehicle()
     bus = settings.harness_bus(vehicle, ACCEPTANCE)
@@ -294,8 +316,17 @@ def run_plant_process(
     car = build_car(vehicle, seed=seed, start_pose=start_pose, start_ns=start_ns)
     service = ServiceNotify(os.environ)
     plant = PlantSide(car, start_ns)
-    with StopRequest() as stop, bus:
+    with ExitStack() as open_buses:
+        stop = open_buses.enter_context(StopRequest())
+        open_buses.enter_context(bus)
+        vehicle_bus: Bus | None = None
+        if plant.drive_acceptance:
+            vehicle_bus = open_buses.enter_context(
+                settings.vehicle_bus(vehicle, plant.drive_acceptance)
+            )
         keep_collections_short()
-        result = run_plant(plant, bus, monotonic_ns, stop, report, alive=service.alive)
+        result = run_plant(
+            plant, bus, monotonic_ns, stop, report, alive=service.alive, vehicle_bus=vehicle_bus
+        )
         service.stopping()
         return result

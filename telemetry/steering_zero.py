@@ -79,7 +79,8 @@ def roll_of(decoded: Decoded, vehicle: Vehicle) -> Roll:
     steer_ns, angle_rad = _readings(decoded, *ANGLE)
     speed_ns, wheel_radps = _readings(decoded, *SPEED)
     newest = np.searchsorted(speed_ns, steer_ns, side="right") - 1
-    is_known = newest >= 0
+    # a car that has just been switched on knows no speed yet
+    is_known = newest >= int(np.argmax(~np.isnan(wheel_radps)))
     steer_ns, angle_rad, newest = steer_ns[is_known], angle_rad[is_known], newest[is_known]
     if len(steer_ns) < 2:
         raise CalibrationError("less than two readings of steering and speed beside each other")

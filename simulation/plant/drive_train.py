@@ -1,7 +1,8 @@
 """Steering and rear wheels on motor drives: what stands in for column, traction and circuits.
 
 The drives belong to the car, as hardware does: they go with its time, in ticks of their own. The
-manual/automatic relay switches their motors' supply (assumption); nothing else is wired to them.
+manual/automatic relay gives each motor to its drive, or to the driver: the wheels' to the kit's own
+speed controller, which his pedal commands (assumption). Nothing else is wired to the drives.
 """
 
 from __future__ import annotations
@@ -63,16 +64,15 @@ class DriveUnit:
 
     def run(self, span_ns: int) -> None:
         """Goes on for so long, whole ticks."""
-        end_ns = self._now_ns + span_ns
-        while self._now_ns < end_ns:
-            self._now_ns += TICK_NS
-            received, self.inbox = self.inbox, []
-            if not self.is_alive:
+        self._now_ns += span_ns
+        received, self.inbox = self.inbox, []
+        if not self.is_alive:
+            for _ in range(span_ns // TICK_NS):
                 self.motor.step(0.0, TICK_S)
-                continue
-            frames = self.drive.step(self._now_ns, received)
-            if frames and not self.is_mute:
-                self.outbox += frames
+            return
+        frames = self.drive.step(self._now_ns, received)
+        if frames and not self.is_mute:
+            self.outbox += frames
 
     def restart(self) -> None:
         """Power off and on: a new drive on the same motor."""
@@ -142,11 +142,12 @@ class DrivenHardware(Hardware):
         """Nothing is wired."""
 
     def resolve(self, now_ns: int, driver_throttle_ratio: float) -> None:
-        """As without drives for the brake; no pedal reaches a motor. Asked again every step."""
-        super().resolve(now_ns, 0.0)
+        """As without drives for pedal and brake. Asked again every step."""
+        super().resolve(now_ns, driver_throttle_ratio)
         unit = self._steering
         self.motor_powered = self.relay_closed and unit.is_alive and unit.drive.state in HELD
-        self.drive_ratio = self.regen_ratio = 0.0
+        if self.relay_closed:  # what the ECU put out before, or nothing, is not wired
+            self.drive_ratio = self.regen_ratio = 0.0
         self.changes_at_ns = now_ns
 
 
@@ -218,7 +219,8 @@ class DrivenTraction(Traction):
         """Integrates one step: 0 at the front wheels, the force at the rear ones in the chassis.
 
         Args:
-            drive_ratio, regen_ratio: Not used: no ECU drives the motors.
+            drive_ratio: Of the driver's pedal while the relay is open.
+            regen_ratio: Not used: no ECU drives the motors.
             dead: The motors give no torque.
             wheel_speed_mps: Not used: the rear wheels' follow from the chassis.
         """
@@ -226,16 +228,18 @@ class DrivenTraction(Traction):
         apart_mps = self._half_track_m * chassis.yaw_rate_radps
         rolling = 1.0 - chassis.rear_lock_ratio
         is_supplied = train.hardware.relay_closed and not dead
+        pedal_nm = 0.0 if dead else 0.5 * drive_ratio * self._torque_nm
         force_n = self.torque_nm = self.drive_nm = 0.0
         for unit, side in ((train.left, -1.0), (train.right, 1.0)):
             motor = unit.motor
             motor.is_supplied = is_supplied
+            motor.load_torque_nm = pedal_nm
             rolls = (chassis.speed_mps + side * apart_mps) * rolling * self._gear_per_m
             motor.load_speed_radps = rolls
             unit.run(self._step_ns)
             slip_nm = motor.load_damping_nm_per_radps * (motor.speed_radps - rolls)
             force_n += slip_nm * self._gear_per_m
-            torque_nm = self._torque_constant * motor.current_a
+            torque_nm = self._torque_constant * motor.current_a + pedal_nm
             self.torque_nm += torque_nm
             if torque_nm * motor.speed_radps > 0.0:
                 self.drive_nm += abs(torque_nm)

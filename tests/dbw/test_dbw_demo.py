@@ -239,6 +239,15 @@ def test_campus_lap_stays_within_a_third_of_the_papers_errors(tmp_path: Path) ->
     assert report["speed_max_mps"] == pytest.approx(25.0 / 3.6, rel=0.03)
 
 
+def test_a_car_with_motor_drives_on_the_bus_is_driven(tmp_path: Path) -> None:
+    report = run(tmp_path, "--vehicle", "baja_5b")
+    assert (report["emergency_brakes"], report["codes"]) == (0, [])
+    assert report["max_error_m"] < 0.2
+    log = (tmp_path / "drive.log").read_text()
+    for can_id in (0x211, 0x312, 0x313, 0x191, 0x292, 0x293):  # targets, and what became of them
+        assert log.count(f" {can_id:03X}#") > 100
+
+
 def test_a_vehicle_file_of_ones_own_is_driven(tmp_path: Path, capsys: Capture) -> None:
     text = load_vehicle("tabby_evo").text.replace('name = "tabby_evo"', 'name = "mine"')
     file = tmp_path / "mine.toml"

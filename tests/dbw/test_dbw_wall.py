@@ -33,8 +33,12 @@ pytestmark = pytest.mark.wall_clock
 
 ROOT = Path(__file__).parents[2]
 ATTEMPTS_MAX = 3
-LATE = re.compile(r"\blate\b|overran|silent|not heard|too old|missing|did not get ready")
-"""What a stack says, rightly, when the machine did not give it its 10 ms."""
+LATE = re.compile(
+    r"\blate\b|overran|silent|not heard|too old|missing|did not get ready"
+    r"|emergency stop was pressed"
+)
+"""What a stack says, rightly, when the machine did not give it its 10 ms. Nobody presses the
+emergency stop here: its wire, silent for 50 ms, reads as pressed."""
 
 
 def skip_if_busy(attempt: int, text: str) -> None:

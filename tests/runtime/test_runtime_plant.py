@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame, FrameKind, ReceivedFrame
 from dbc.harness import (
     BrakeActuatorWire,
@@ -21,6 +22,7 @@ from ecus.throttle.ports import dac_code
 from runtime.harness import SPEC_OF_NAME, decode_harness, harness_frame
 from runtime.plant_process import PlantSide, build_car, run_plant, truth_frames
 from tests.runtime.runtime_fakes import MS, FakeBus, FakeClock, StopAt
+from tests.vehicles.drive_car import CAR, LEFT
 from vehicles import load_vehicle
 
 START_NS = 7_000 * MS
@@ -229,6 +231,31 @@ def test_plant_runs_on_the_grid_and_publishes_the_truth() -> None:
     assert seen == [START_NS + n * 10 * MS for n in (1, 2, 3, 4)]
     assert result.exit_code == 0 and result.steps == 4
     assert {time_ns for time_ns, _ in bus.sent} == set(seen)
+
+
+def test_the_motor_drives_of_a_car_are_on_the_vehicle_bus() -> None:
+    side = PlantSide(build_car(CAR, seed=1, start_ns=START_NS), START_NS)
+    assert 0x311 not in plant().drive_acceptance and 0x300 + LEFT in side.drive_acceptance
+    clock = FakeClock(START_NS)
+    start = nmt_frame(NmtCommand.START, LEFT)
+    vehicle_bus = FakeBus(clock, [(START_NS + 12 * MS, start)])
+    result = run_plant(
+        side, FakeBus(clock), clock, StopAt(clock, START_NS + 45 * MS), lambda event: None,
+        vehicle_bus=vehicle_bus,
+    )  # fmt: skip
+    assert result.exit_code == 0
+    sent = [((time_ns - START_NS) // MS, frame.can_id) for time_ns, frame in vehicle_bus.sent]
+    assert [entry for entry in sent if entry[0] == 10] == [
+        (10, 0x700 + node_id) for node_id in CAR.drive_node_ids
+    ]
+    assert {can_id for time_ms, can_id in sent if time_ms > 10} == {0x180 + LEFT, 0x280 + LEFT}
+
+
+def test_a_car_without_drives_has_nothing_on_the_vehicle_bus() -> None:
+    side = plant()
+    side.hear_vehicle_bus([ReceivedFrame(START_NS, nmt_frame(NmtCommand.START, 0))])
+    side.step(START_NS + 10 * MS, [])
+    assert side.drive_acceptance == frozenset() and side.drive_frames() == []
 
 
 def test_a_vehicle_without_a_plant_of_its_own_gets_one_of_its_size() -> None:

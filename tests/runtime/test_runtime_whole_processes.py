@@ -36,7 +36,10 @@ DRIVE_TICKS = 75
 class Drive:
     """A stack of processes, a planner, and what the launcher said."""
 
-    def __init__(self, folder: Path, service: ServiceNotify | None = None) -> None:
+    def __init__(
+        self, folder: Path, service: ServiceNotify | None = None, vehicle: str = "tabby_evo"
+    ) -> None:
+        self.vehicle = vehicle
         self.channel, self.harness_channel = str(folder / "v"), str(folder / "h")
         self.events: list[Event] = []
         self.stack = ProcessStack(
@@ -44,7 +47,7 @@ class Drive:
                 interface=folder_bus.NAME,
                 channel=self.channel,
                 harness_channel=self.harness_channel,
-                vehicle="tabby_evo",
+                vehicle=vehicle,
             ),
             report=self.events.append,
             command=(sys.executable, "-m", "tests.runtime.folder_bus"),
@@ -81,18 +84,21 @@ def wait_until(condition: Callable[[], bool]) -> None:
         pause.wait(0.01)
 
 
-@pytest.fixture
-def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Drive]:
+@pytest.fixture(params=["tabby_evo"])
+def drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> Iterator[Drive]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.chdir(Path(__file__).parents[2])
     folder_bus.register()
-    yield Drive(tmp_path)
+    yield Drive(tmp_path, vehicle=request.param)
 
 
 def planner(drive: Drive) -> Car:
-    return connect(folder_bus.NAME, drive.channel, vehicle=load_vehicle("tabby_evo"))
+    return connect(folder_bus.NAME, drive.channel, vehicle=load_vehicle(drive.vehicle))
 
 
+@pytest.mark.parametrize("drive", ["tabby_evo", "baja_5b"], indirect=True)
 def test_a_killed_process_is_named_and_the_others_stop_the_car(drive: Drive) -> None:
     with drive.stack as stack, planner(drive) as car:
         drive.engage(car)

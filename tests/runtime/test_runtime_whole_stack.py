@@ -15,7 +15,8 @@ from gateway.connect import connect
 from runtime.clock import monotonic_ns
 from runtime.in_process import InProcessStack
 from simulation.plant.state import Truth
-from vehicles import load_vehicle
+from tests.vehicles.drive_car import CAR
+from vehicles import Vehicle, load_vehicle
 
 pytestmark = [
     pytest.mark.wall_clock,
@@ -53,12 +54,14 @@ def check_punctual(events: tuple[Event, ...]) -> None:
         raise MachineTooBusy
 
 
-def drive_and_lose(name: str, how: str) -> tuple[Truth, Truth, list[str]]:
+def drive_and_lose(
+    name: str, how: str, vehicle: Vehicle = VEHICLE
+) -> tuple[Truth, Truth, list[str]]:
     """Engages, drives, loses a node; the car before the loss, after it, and the log since."""
     channel = f"whole-{next(_numbers)}"
     with (
-        InProcessStack(vehicle=VEHICLE, channel=channel) as stack,
-        connect(interface="virtual", channel=channel, vehicle=VEHICLE) as car,
+        InProcessStack(vehicle=vehicle, channel=channel) as stack,
+        connect(interface="virtual", channel=channel, vehicle=vehicle) as car,
     ):
 
         def wait(condition: Callable[[], bool]) -> None:
@@ -86,17 +89,20 @@ def drive_and_lose(name: str, how: str) -> tuple[Truth, Truth, list[str]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "how"),
+    ("name", "how", "vehicle"),
     [
-        ("throttle", "kill"),
-        pytest.param("brake_servo", "freeze", marks=pytest.mark.slow),
-        pytest.param("supervisor", "kill", marks=pytest.mark.slow),
+        ("throttle", "kill", VEHICLE),
+        pytest.param("brake_servo", "freeze", VEHICLE, marks=pytest.mark.slow),
+        pytest.param("supervisor", "kill", VEHICLE, marks=pytest.mark.slow),
+        pytest.param("throttle", "kill", CAR, id="throttle-kill-motor drives on the bus"),
     ],
 )
-def test_losing_a_node_while_driving_brings_the_car_to_a_stand(name: str, how: str) -> None:
+def test_losing_a_node_while_driving_brings_the_car_to_a_stand(
+    name: str, how: str, vehicle: Vehicle
+) -> None:
     for attempt in range(ATTEMPTS_MAX):
         try:
-            before, after, log = drive_and_lose(name, how)
+            before, after, log = drive_and_lose(name, how, vehicle)
             break
         except MachineTooBusy:
             if attempt == ATTEMPTS_MAX - 1:

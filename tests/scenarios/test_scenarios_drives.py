@@ -14,7 +14,7 @@ from simulation.drives.faults import DriveFault
 from simulation.plant.drive_train import HELD, DriveTrain
 from tests.oracle.watched import Watched
 from tests.scenarios.driving import STRANGER, Drive
-from tests.vehicles.drive_car import CAR, LEFT, STEER, TEXT
+from tests.vehicles.drive_car import CAR, GEAR, LEFT, STEER, TEXT
 from vehicles import parse_vehicle
 
 GEAR_PER_M = CAR.traction.gear_ratio / CAR.geometry.wheel_radius_m
@@ -279,7 +279,7 @@ def test_no_axis_drives_before_its_drive_is_ready() -> None:
 
 
 def test_a_drive_that_refuses_a_setting_denies_engagement_with_er4() -> None:
-    text = TEXT.replace("value = 20.0, source = \"test", "value = 1000.0, source = \"test")
+    text = TEXT.replace(GEAR, GEAR.replace("20.0", "1000.0"))
     drive = Drive(vehicle=parse_vehicle(text, "wrong_gear.toml")).start()
     assert drive.codes == (ErrorCode.ER4,)  # 25000 rpm is a drive's most
     assert drive.supervisor.inhibit is Inhibit.CODE_LATCHED

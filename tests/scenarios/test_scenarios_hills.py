@@ -69,7 +69,7 @@ def test_a_car_sets_off_without_rolling_back(name: str, slope_rad: float) -> Non
 
 
 @NAMES
-def test_without_its_inclinometer_a_car_would_roll_back(
+def test_without_its_inclinometer_a_car_would_roll_back_unless_drives_hold_it(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the hill start is for; the same slope, taken for the level."""
@@ -80,7 +80,8 @@ def test_without_its_inclinometer_a_car_would_roll_back(
     for _ in range(100):
         drive.run(0.02)
         least_m = min(least_m, way_m(drive))
-    assert began_m - least_m > 5.0 * ROLLED_BACK_M_MAX
+    has_drives = drive.world.vehicle.drives is not None  # with velocity loops of their own
+    assert (began_m - least_m > 5.0 * ROLLED_BACK_M_MAX) is not has_drives
 
 
 @NAMES

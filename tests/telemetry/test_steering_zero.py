@@ -137,6 +137,12 @@ def test_a_value_that_was_not_available_is_refused(angle_rad: float, speed_mps: 
     assert "was not available while the car rolled" in refused(frames)
 
 
+def test_a_car_that_does_not_know_its_speed_yet_is_not_rolling() -> None:
+    speeds = [NOT_A_NUMBER] * 5 + [4.0] * 995
+    zero = zero_of(roll_of(decoded(frames_of([0.1] * 1000, speeds)), TABBY), TABBY, HEADING_RAD)
+    assert zero.zero_rad == pytest.approx(0.1, abs=0.0005)
+
+
 def test_a_single_reading_is_refused() -> None:
     assert "less than two readings" in refused(frames_of([0.1], [4.0]))
 

@@ -7,7 +7,7 @@ import pytest
 from canbus.canopen_protocol import NODE_ID_MAX
 from canbus.cia402 import DRIVE_NODE_ID_MIN, identifiers
 from dbc.messages import SPECS
-from tests.vehicles.drive_car import CAR, DRIVES, TEXT
+from tests.vehicles.drive_car import CAR, DRIVES, GEAR, TEXT
 from vehicles import known_vehicles, load_vehicle
 from vehicles.reading import read_vehicle
 from vehicles.vehicle import Drives
@@ -55,8 +55,7 @@ def test_a_node_id_is_whole_and_in_the_drives_range(value: str) -> None:
     ("old", "new", "words"),
     [
         ("value = 4096", "value = 15.9", "encoder_counts_per_rev = 15.9: allowed 16 to 1e+06"),
-        ("value = 20.0, source = \"test", "value = 1001.0, source = \"test",
-         "steering_gear_ratio = 1001.0: allowed 0.5 to 1000"),
+        (GEAR, GEAR.replace("20.0", "1001.0"), "steering_gear_ratio = 1001.0: allowed 0.5 to 1000"),
     ],
 )
 def test_a_number_of_a_drive_out_of_its_range_is_named(old: str, new: str, words: str) -> None:
