@@ -74,7 +74,7 @@ def drive(stage: Stage, plan: DrivePlan, show: Show) -> DriveEnd:
         car.engage()
     except EngageRefused as error:
         raise DriveFailed(f"the car did not engage: {error}") from error
-    session = _Session(stage, plan, show)
+    session = Session(stage, plan, show)
     try:
         ended_early = session.run()
         stage.recorder.close()
@@ -121,8 +121,14 @@ def _wait_for_standstill(car: Car) -> None:
             return
 
 
-class _Session:
-    """From the first decision to the last."""
+class Session:
+    """From the first decision to the last.
+
+    Args:
+        stage: The stack and the car, entered.
+        plan: Where to go.
+        show: Called at every tick.
+    """
 
     def __init__(self, stage: Stage, plan: DrivePlan, show: Show) -> None:
         self._stage = stage
@@ -144,15 +150,16 @@ class _Session:
                 return f"mode {_mode_name(state)}: {state.why_not_engaged}"
             if state.time_ns - self._start_ns > self._plan.time_s_max * NS_PER_S:
                 return f"not at the goal after {self._plan.time_s_max:.0f} s"
-            self._locate(state)
+            self.locate(state)
             if number % ticks_per_decision == 0:
-                ending = self._decide(state)
+                ending = self.decide(state)
                 if ending is not None:
                     return ending
             self._show(DriveProgress(progress_m=self._progress_m, state=state))
         return "the connection was closed"
 
-    def _locate(self, state: CarState) -> None:
+    def locate(self, state: CarState) -> None:
+        """Takes in what has been heard of fixes and motion; at every tick."""
         for fix in self._stage.observe():
             self.localiser.fix(fix)
         measured = state.odometry
@@ -161,7 +168,7 @@ class _Session:
                 measured.time_ns, measured.speed_mps, state.curvature_per_m
             )
 
-    def _decide(self, state: CarState) -> str | None:
+    def decide(self, state: CarState) -> str | None:
         """One decision; answers "" at the goal, a reason when lost, None to go on."""
         if not math.isfinite(state.speed_mps):
             return "the speed is not known: no fresh THROTTLE_STATUS"

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.uah import accuracy, odometry, path, reliability, silence, steps, vernier
+from experiments.uah import (
+    accuracy,
+    odometry,
+    path,
+    reliability,
+    silence,
+    steps,
+    switching,
+    vernier,
+)
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment(
@@ -41,6 +50,12 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         title="Path tracking on the campus",
         source="UAH 5.2, Fig. 27",
         run=path.run,
+    ),
+    Experiment(
+        id="uah-switching",
+        title="Manual and automatic in turn",
+        source="UAH 5.3, Fig. 28",
+        run=switching.run,
     ),
     Experiment(
         id="uah-reliability",
