@@ -68,6 +68,7 @@ class DriveOutput:
             ECU's own commands to it.
         client: what is known of the drive.
         trouble: why it is not used, or None.
+        is_placed: whether its targets have a meaning; the subclass's word.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class DriveOutput:
         self._commands = frozenset(base + node_id for base in targets)
         self.acceptance = self.client.acceptance | self._commands
         self.trouble: DriveTrouble | None = None
+        self.is_placed = True
         self._fault_code = fault_code
         self._wish = DriveWish.RELEASE
         self._target = 0
@@ -94,7 +96,7 @@ class DriveOutput:
     @property
     def is_ready(self) -> bool:
         """Whether it will follow."""
-        return self.trouble is None and self.client.is_ready
+        return self.trouble is None and self.client.is_ready and self.is_placed
 
     @property
     def is_heard(self) -> bool:

@@ -49,11 +49,7 @@ class SteeringDrive(DriveOutput):
             self._zero = zero if self._zero is None else (
                 self._zero + ZERO_SHARE * (zero - self._zero)
             )
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether it will follow, and where to is known."""
-        return super().is_ready and self._zero is not None
+        self.is_placed = self._zero is not None
 
     def turn_to(self, angle_rad: float) -> None:
         """Follows an angle of the steering wheel; one whose zero is not known stops."""

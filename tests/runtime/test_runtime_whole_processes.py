@@ -109,6 +109,25 @@ def test_a_killed_process_is_named_and_the_others_stop_the_car(drive: Drive) -> 
         assert [r.name for r in stack.processes if not r.is_alive] == ["throttle"]
 
 
+@pytest.mark.parametrize("drive", ["baja_5b"], indirect=True)
+def test_the_motor_drives_are_started_set_up_and_commanded_by_other_processes(
+    drive: Drive,
+) -> None:
+    heard: set[int] = set()
+
+    def are_commanded() -> bool:
+        heard.update(item.frame.can_id for item in bus.receive(10_000_000))
+        return {0x211, 0x312, 0x313, 0x191, 0x292, 0x293} <= heard
+
+    with (
+        drive.stack,
+        planner(drive) as car,
+        PythonCanBus(folder_bus.NAME, drive.channel, clock=monotonic_ns) as bus,
+    ):
+        wait_until(are_commanded)
+        wait_until(lambda: car.state.codes == ())
+
+
 def test_going_down_stops_a_car_whose_planner_drives_on(drive: Drive) -> None:
     modes: list[Mode | None] = []
     speeds: list[float] = []

@@ -20,8 +20,8 @@ from vehicles import parse_vehicle
 GEAR_PER_M = CAR.traction.gear_ratio / CAR.geometry.wheel_radius_m
 
 
-class DriveCar(Drive):
-    """The scenarios' drive on such a car."""
+class DriveCar(Watched):
+    """The scenarios' drive on such a car, an oracle watching."""
 
     def __init__(self) -> None:
         super().__init__(vehicle=CAR)
@@ -97,7 +97,7 @@ def test_a_controlled_stop_ends_standing_in_ready() -> None:
 
 
 def test_a_clean_drive_breaks_no_property() -> None:
-    drive = Watched(vehicle=CAR)
+    drive = DriveCar()
     drive.away(1.5, 0.3)
     drive.touch(steering_torque_nm=2.0)
     drive.run(0.3)
@@ -231,6 +231,17 @@ def test_each_trouble_of_a_drive_brakes_within_100_ms_and_leaves_no_torque(cause
     drive.run(0.15)
     assert drive.is_in(Mode.EMERGENCY) and drive.drive_torque_nm == 0.0
     assert drive.brakes_to_standstill()
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_no_trouble_of_a_drive_breaks_a_property(cause: str) -> None:
+    drive = DriveCar()
+    drive.away(1.5, 0.2)
+    drive.tell(cause)
+    CAUSES[cause][0](drive)
+    drive.run(2.5)
+    report = drive.oracle.finish(drive.world.now_ns)
+    assert report.violations == () and drive.is_in(Mode.EMERGENCY)
 
 
 def test_er4_lets_the_steering_coast_even_where_the_drive_would_hold() -> None:
