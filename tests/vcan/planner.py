@@ -26,11 +26,11 @@ class View(NamedTuple):
     codes: tuple[ErrorCode, ...]
 
 
-def planner_main(channel: str, control: Connection) -> None:
+def planner_main(channel: str, vehicle: str, control: Connection) -> None:
     """Decides at 50 Hz while it is told to."""
     target: tuple[float, float] | None = None
     keep_collections_short()
-    with connect("socketcan", channel, planner_period_s=PERIOD_S) as car:
+    with connect("socketcan", channel, vehicle=vehicle, planner_period_s=PERIOD_S) as car:
         for state in car.ticks(PERIOD_S):
             while control.poll():
                 name, arguments = control.recv()

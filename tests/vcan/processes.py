@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import fields
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -61,9 +62,15 @@ def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> Non
             else:
                 setattr(car.faults, name, value)
 
-    with StopRequest() as stop, settings.harness_bus(vehicle, ACCEPTANCE) as bus:
+    with ExitStack() as opened:
+        stop = opened.enter_context(StopRequest())
+        bus = opened.enter_context(settings.harness_bus(vehicle, ACCEPTANCE))
+        drives = plant.drive_acceptance
+        vehicle_bus = settings.vehicle_bus(vehicle, drives) if drives else None
+        if vehicle_bus is not None:
+            opened.enter_context(vehicle_bus)
         keep_collections_short()
-        run_plant(plant, bus, monotonic_ns, stop, _say, on_cycle)
+        run_plant(plant, bus, monotonic_ns, stop, _say, on_cycle, vehicle_bus=vehicle_bus)
 
 
 def in_namespace(namespace: str | None, main: Callable[..., None], *arguments: Any) -> None:

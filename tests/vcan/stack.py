@@ -54,6 +54,7 @@ class Stack:
         channel: the vehicle bus, as the log and most nodes see it.
         channels: where other processes see it, by name.
         in_namespaces: processes that live in a network namespace of their own name.
+        vehicle: what the nodes believe about the car.
     """
 
     def __init__(
@@ -63,11 +64,13 @@ class Stack:
         channel: str = VEHICLE_BUS,
         channels: dict[str, str] | None = None,
         in_namespaces: Collection[str] = (),
+        vehicle: str = VEHICLE,
     ) -> None:
         self.folder = folder
         self.channel = channel
         self._channels = channels or {}
         self._in_namespaces = in_namespaces
+        self._vehicle = vehicle
         self.log_path = folder / "bus.log"
         self.processes: dict[str, Any] = {}
         self._context = multiprocessing.get_context("forkserver")
@@ -105,7 +108,7 @@ class Stack:
 
     def _settings(self, name: str) -> ProcessSettings:
         return ProcessSettings(
-            name=name, vehicle=VEHICLE, interface="socketcan",
+            name=name, vehicle=self._vehicle, interface="socketcan",
             channel=self._channels.get(name, self.channel), harness_channel=HARNESS_BUS,
         )
 
@@ -121,7 +124,8 @@ class Stack:
         """Starts the planner, anew if it has ended."""
         ours, theirs = self._context.Pipe()
         self.planner = Planner(ours)
-        self._run(PLANNER, planner_main, self._channels.get(PLANNER, self.channel), theirs)
+        channel = self._channels.get(PLANNER, self.channel)
+        self._run(PLANNER, planner_main, channel, self._vehicle, theirs)
 
     def _run(self, name: str, main: Callable[..., None], *arguments: Any) -> None:
         namespace = name if name in self._in_namespaces else None
