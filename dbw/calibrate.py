@@ -135,9 +135,11 @@ def _rolls(options: CalibrateOptions, vehicle: Vehicle) -> list[tuple[str, Roll]
     found: list[tuple[str, Roll]] = []
     for name in options.logs or (SIMULATED,):
         decoder = Decoder(databases, only)
-        decoded = _simulated(options, vehicle, decoder) if options.simulate else (
-            _logged(name, options, decoder)
-        )
+        if options.simulate:
+            decoded, truth_rad = simulated_roll(vehicle, options.seed, decoder)
+            click.echo(f"the simulated car's own zero: {truth_rad:+.4f} rad")
+        else:
+            decoded = _logged(name, options, decoder)
         try:
             roll = roll_of(decoded, vehicle)
         except CalibrationError as error:
@@ -164,19 +166,19 @@ def _logged(name: str, options: CalibrateOptions, decoder: Decoder) -> Decoded:
     return decoded
 
 
-def _simulated(options: CalibrateOptions, vehicle: Vehicle, decoder: Decoder) -> Decoded:
+def simulated_roll(vehicle: Vehicle, seed: int, decoder: Decoder) -> tuple[Decoded, float]:
+    """What the simulated car says on the bus while it rolls, and its sensor's true zero, rad."""
     from simulation.straight_roll import roll_straight
     from telemetry.logs.frames import ChannelNames, FrameFlag, LogFrame, columns_of
 
     way_m = ROLL_WHEELBASES * vehicle.geometry.wheelbase_m
-    world = roll_straight(vehicle, options.seed, way_m)
-    truth_rad = world.car.params.sensors.column_angle_zero_rad
-    click.echo(f"the simulated car's own zero: {truth_rad:+.4f} rad")
+    world = roll_straight(vehicle, seed, way_m)
     frames = [
         LogFrame(true_ns, "sim", frame.can_id, FrameFlag(0), len(frame.data), frame.data)
         for true_ns, _, frame in world.trace.rows
     ]
-    return decoder.decode(columns_of(frames, range(1, len(frames) + 1), ChannelNames()))
+    decoded = decoder.decode(columns_of(frames, range(1, len(frames) + 1), ChannelNames()))
+    return decoded, world.car.params.sensors.column_angle_zero_rad
 
 
 def _tell(name: str, zero: Zero, vehicle: Vehicle) -> None:

@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.uah.tuning import candidates
 from experiments.uwa.brake import TRAVEL_DEG
 from experiments.uwa.paper_board import SUPPLY_V, PidGains, UwaBoard, column_rad, steer_byte
-from experiments.uwa.stack import PLANT, VEHICLE
+from experiments.uwa.stack import PLANT, VEHICLE, UwaStack
+from experiments.uwa.steering import cycles, stack_turn
 from experiments.uwa.throttle import FILTER_S, PWM_HZ, filtered_v, multimeter_v, ripple_v
+from experiments.uwa.tuning import GRID, TUNED, Judged, best, cars, judged
 from simulation.plant.car import Car
 from simulation.plant.derived import derived, plant_of
 from simulation.plant.fsae_electric import CIRCUITS, SERVO_HEAT
@@ -110,3 +113,37 @@ def test_a_multimeter_shows_the_share_of_five_volts() -> None:
 
 def test_the_servos_dead_band_is_below_a_degree() -> None:
     assert 0.6 < PLANT.brakes.servo_dead_band_ratio * TRAVEL_DEG < 1.0
+
+
+@pytest.mark.slow
+def test_the_tuned_gains_are_better_than_their_neighbours_in_the_grid() -> None:
+    around = [(gains, judged(gains)) for gains in candidates(GRID, TUNED)]
+    assert best(around) == TUNED
+
+
+def test_a_candidate_that_overshoots_is_not_taken() -> None:
+    slow, wild = {"rate_gain": 1.0}, {"rate_gain": 0.0}
+    found = [
+        (slow, Judged(error_deg=0.5, overshoot_percent=12.0)),
+        (wild, Judged(error_deg=0.1, overshoot_percent=12.1)),
+    ]
+    assert best(found) == slow
+
+
+def test_the_cars_of_the_tuning_differ_in_one_number_each() -> None:
+    found = dict(cars())
+    assert found.pop("as fitted") == PLANT and len(found) == 7
+    for plant in found.values():
+        changed = [
+            name for name in PLANT.steering.__dataclass_fields__
+            if getattr(plant.steering, name) != getattr(PLANT.steering, name)
+        ]  # fmt: skip
+        assert len(changed) == 1 and replace(plant, steering=PLANT.steering) == PLANT
+
+
+@pytest.mark.slow
+def test_without_the_calibration_the_zero_alone_takes_ours_above_a_third() -> None:
+    """What the documents say of it."""
+    targets, reached = cycles(stack_turn(UwaStack(0)), 2)
+    left_deg = float(np.abs(reached - targets)[targets == 15.0].mean())
+    assert 0.333 * 0.8085 < left_deg < 0.4 * 0.8085
