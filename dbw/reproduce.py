@@ -17,7 +17,7 @@ Examples:
   dbw reproduce
   dbw reproduce uah --out out/uah"""
 )
-@click.argument("papers", nargs=-1, metavar="[uah|uwa|all ...]")
+@click.argument("papers", nargs=-1, metavar="[uah|uwa|unicamp|all ...]")
 @click.option(
     "--seed",
     type=WholeNumber(0, SEED_MAX),

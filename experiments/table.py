@@ -9,9 +9,10 @@ from pathlib import Path
 from experiments.chance import generator
 from experiments.result import Experiment, Outcome, Setting
 from experiments.uah.table import EXPERIMENTS as UAH
+from experiments.unicamp.table import EXPERIMENTS as UNICAMP
 from experiments.uwa.table import EXPERIMENTS as UWA
 
-PAPERS: dict[str, tuple[Experiment, ...]] = {"uah": UAH, "uwa": UWA}
+PAPERS: dict[str, tuple[Experiment, ...]] = {"uah": UAH, "uwa": UWA, "unicamp": UNICAMP}
 """In the order of the papers' own sections."""
 
 ALL = "all"

@@ -19,6 +19,7 @@ KNOWN_TO_MISS = {
     "uah.steps.steering.overshoot_percent",
     "uah.steps.speed_2_people.overshoot_percent",
     "uah.steps.speed_4_people.overshoot_percent",
+    "unicamp.circles.2_m.inverted_s",
 }
 """Rows whose goal is missed, as the documents say; a row that begins to meet it leaves this set."""
 

@@ -1,0 +1,1 @@
+"""Experiments of UNICAMP: Nogueira et al., a miniaturized four-wheel robotic vehicle."""
