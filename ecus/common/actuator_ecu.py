@@ -166,7 +166,8 @@ class ActuatorEcu(ABC, Generic[SensorsT, ActuatorT]):
         self._take_parameters()
         self._hear_supervisor(now_ns)
         for drive in self._drives:
-            self.shell.causes += drive.hear(now_ns, received)
+            is_needed = self.state is NodeState.ACTIVE
+            self.shell.causes += drive.hear(now_ns, received, is_needed=is_needed)
         is_driver = self._sense(now_ns, sensors)
         self.is_driver_active = self._debounce.update(is_driver, now_ns)
         if self.state is NodeState.ACTIVE:

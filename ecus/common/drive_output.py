@@ -7,7 +7,7 @@ drive that was not told anything in a step is released. Its trouble is one of th
 | trouble | code | reason |
 |---|---|---|
 | the drive is in FAULT or sent an EMCY; it refused a setting | the ECU's own | MOTOR_FAULT |
-| silent for 60 ms; restarted; not ready 1 s after it should be | ER2 | NODE_SILENT |
+| silent for 60 ms; restarted; not ready: for 1 s, or while driving | ER2 | NODE_SILENT |
 | somebody else sends this ECU's commands to it | ER1 | FOREIGN_SENDER |
 
 While it is released, a drive in trouble is reset once a second, or the ECU would never learn that
@@ -103,13 +103,22 @@ class DriveOutput:
         """Whether what it measures is known."""
         return self.client.is_heard and self.trouble not in _ABSENT
 
-    def hear(self, now_ns: int, received: Sequence[ReceivedFrame]) -> list[Cause]:
-        """Takes this step's frames in; answers the causes for a code."""
+    def hear(
+        self, now_ns: int, received: Sequence[ReceivedFrame], *, is_needed: bool
+    ) -> list[Cause]:
+        """Takes this step's frames in; answers the causes for a code.
+
+        Args:
+            now_ns: time of this step.
+            received: frames since the last one.
+            is_needed: the car drives itself: a drive that is not ready now is in trouble now.
+        """
         client = self.client
         client.hear(now_ns, received)
         if self._due_ns is None or client.is_ready:
             self._due_ns = now_ns + START_NS
-        if client.trouble is not None or now_ns > self._due_ns:
+        is_late = now_ns > self._due_ns or (is_needed and not client.is_ready)
+        if client.trouble is not None or is_late:
             self.trouble, self._trouble_ns = client.trouble or DriveTrouble.SILENT, now_ns
         elif client.is_ready and now_ns - self._trouble_ns > CALM_NS:
             self.trouble = None

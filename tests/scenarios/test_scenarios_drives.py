@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from canbus import cia402
 from canbus.cia402_power import PowerState
 from canbus.frame import Frame
 from dbc.messages import ErrorCode, Inhibit, Mode, NodeState, Reason, Request
@@ -196,6 +197,10 @@ def restart_wheel(drive: DriveCar) -> None:
     drive.train.right.restart()
 
 
+def change_mode(drive: DriveCar) -> None:
+    drive.train.left.drive._device.values[cia402.MODE] = cia402.OperationMode.HOMING
+
+
 def command_as_stranger(can_id: int) -> Break:
     return lambda drive: drive.world.inject(Frame(can_id, bytes(6)), STRANGER)
 
@@ -207,6 +212,7 @@ CAUSES: dict[str, tuple[Break, ErrorCode, Reason]] = {
     "ER2 dead wheel drive, 60 ms": (kill_wheel, ErrorCode.ER2, Reason.NODE_SILENT),
     "ER2 restarted steering drive": (restart_steering, ErrorCode.ER2, Reason.NODE_SILENT),
     "ER2 restarted wheel drive": (restart_wheel, ErrorCode.ER2, Reason.NODE_SILENT),
+    "ER2 wheel drive in another mode": (change_mode, ErrorCode.ER2, Reason.NODE_SILENT),
     "ER1 stranger commands the steering": (
         command_as_stranger(0x200 + STEER), ErrorCode.ER1, Reason.FOREIGN_SENDER
     ),
