@@ -62,10 +62,12 @@ class Step:
     figures: StepFigures
 
 
-def paper_speed_step(plant: PlantParams, gains: PaperGains = PAPER_GAINS) -> Step:
-    """From standstill to 4 m/s."""
+def paper_speed_step(
+    plant: PlantParams, gains: PaperGains = PAPER_GAINS, *, wait_ns: int = SPEED_WAIT_NS
+) -> Step:
+    """From standstill to 4 m/s; the setpoint comes so long before the next cycle of its task."""
     board = PaperBoard(Car(plant, generator(SEED)), gains)
-    start_ns = FIRST_TICK_NS - SPEED_WAIT_NS
+    start_ns = FIRST_TICK_NS - wait_ns
     board.run_until(start_ns)
     board.tell(0.0, SPEED_STEP_MPS / WHEEL_RADIUS_M)
     board.run_until(start_ns + round(SPEED_S * 1e9))
@@ -74,13 +76,17 @@ def paper_speed_step(plant: PlantParams, gains: PaperGains = PAPER_GAINS) -> Ste
 
 
 def paper_steering_step(
-    plant: PlantParams, gains: PaperGains = PAPER_GAINS, *, is_rolling: bool = True
+    plant: PlantParams,
+    gains: PaperGains = PAPER_GAINS,
+    *,
+    is_rolling: bool = True,
+    wait_ns: int = STEERING_WAIT_NS,
 ) -> Step:
     """90 deg of the steering wheel to the left."""
     board = PaperBoard(Car(plant, generator(SEED)), gains)
     wheel_radps = SPEED_STEP_MPS / WHEEL_RADIUS_M if is_rolling else 0.0
     board.tell(0.0, wheel_radps)
-    start_ns = (ROLLING_NS if is_rolling else FIRST_TICK_NS) - STEERING_WAIT_NS
+    start_ns = (ROLLING_NS if is_rolling else FIRST_TICK_NS) - wait_ns
     board.run_until(start_ns)
     board.tell(WHEEL_STEP_RAD, wheel_radps)
     board.run_until(start_ns + round(STEERING_S * 1e9))

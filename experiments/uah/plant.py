@@ -1,9 +1,8 @@
 """UAH's car as its step responses show it, and the paper's gains on it.
 
 The paper gives dimensions and step responses, and neither gains nor amplitudes. What it leaves
-open was fitted to its figures: the drive's lag, the four gains, a bound on the steering motor's
-duty, and how long a setpoint waits for the next cycle of its task, by differential evolution on
-the relative errors of the printed figures; a test pins them.
+open is fitted to its figures by `experiments.uah.fit`: the drive's lag, the four gains, a bound on
+the steering motor's duty, and how long a setpoint waits for the next cycle of its task.
 """
 
 from __future__ import annotations
@@ -33,11 +32,11 @@ UAH_PAPER: Final[PlantParams] = replace(
 """TABBY EVO's plant but for the lag of its drive. For both controllers."""
 
 PAPER_GAINS: Final = PaperGains(
-    steering_duty_per_deg=0.01105,
-    steering_duty_per_deg_s=0.001166,
+    steering_duty_per_deg=0.01155,
+    steering_duty_per_deg_s=0.001264,
     steering_duty_max=0.272,
     throttle_per_degps=0.001988,
-    throttle_per_deg=0.0001215,
+    throttle_per_deg=0.0001115,
 )
 
 STEERING_WAIT_NS: Final = 30_000_000

@@ -16,8 +16,6 @@ SLOW = tuple(one.id for one in experiments_of(()) if one.id not in FAST)
 
 KNOWN_TO_MISS = {
     "uah.path.baseline_max_error_m",
-    "uah.steps.steering.overshoot_percent",
-    "uah.steps.speed_2_people.overshoot_percent",
     "uah.steps.speed_4_people.overshoot_percent",
     "unicamp.circles.2_m.inverted_s",
 }
