@@ -74,15 +74,19 @@ class ThrottleActuatorWire:
     """12-bit DAC at 5 V: 410 idle, 3686 full."""
     regen_dac_code: Final[int]
     """12-bit DAC at 5 V: 410 none, 3686 full."""
+    reverse_selected: Final[bool]
+    """Reverse contact, 0: forwards."""
 
     def __init__(
         self,
         *,
         throttle_dac_code: int,
         regen_dac_code: int,
+        reverse_selected: bool,
     ) -> None:
         self.throttle_dac_code = throttle_dac_code
         self.regen_dac_code = regen_dac_code
+        self.reverse_selected = reverse_selected
 
 
 def _pack_throttle_actuator_wire(message: ThrottleActuatorWire) -> int:
@@ -97,6 +101,8 @@ def _pack_throttle_actuator_wire(message: ThrottleActuatorWire) -> int:
         bits |= (round(n) & 0xFFF) << 16
     else:
         raise SignalRangeError("ThrottleActuatorWire.regen_dac_code", n, 0, 4095, "")
+    if message.reverse_selected:
+        bits |= 0x10000000
     return bits
 
 
@@ -105,9 +111,11 @@ def _unpack_throttle_actuator_wire(bits: int) -> ThrottleActuatorWire:
     throttle_dac_code = r
     r = bits >> 16 & 0xFFF
     regen_dac_code = r
+    reverse_selected = bits & 0x10000000 != 0
     return ThrottleActuatorWire(
         throttle_dac_code=throttle_dac_code,
         regen_dac_code=regen_dac_code,
+        reverse_selected=reverse_selected,
     )
 
 
@@ -706,7 +714,7 @@ SPECS: Final[dict[int, MessageSpec]] = {
         timeout_ns=0,
         min_interval_ns=0,
         data_id=None,
-        units={'throttle_dac_code': '', 'regen_dac_code': ''},
+        units={'throttle_dac_code': '', 'regen_dac_code': '', 'reverse_selected': ''},
         pack=_pack_throttle_actuator_wire,
         unpack=_unpack_throttle_actuator_wire,
     ),

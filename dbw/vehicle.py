@@ -71,6 +71,8 @@ def _consequences(vehicle: Vehicle) -> Iterator[tuple[str, str]]:
     yield "road wheel, largest angle", f"{road_wheel_deg:.2f} deg"
     yield "smallest radius", f"{1.0 / vehicle.curvature_per_m_max:.2f} m"
     yield "top speed", f"{3.6 * traction.speed_mps_max:.1f} km/h"
+    reverse_kmph = 3.6 * traction.reverse_speed_mps_max
+    yield "top speed backwards", f"{reverse_kmph:.1f} km/h" if reverse_kmph else "no reverse"
     yield "longest emergency stop", f"{vehicle.longest_stop_s:.2f} s"
     steepest = min(brake.hold_ratio * brake.deceleration_mps2_full / GRAVITY_MPS2, 1.0)
     yield "steepest slope held at a stop", f"{math.degrees(math.asin(steepest)):.1f} deg"

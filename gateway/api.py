@@ -57,8 +57,11 @@ class _Session:
         """Gives a decision, which leaves at once. It counts only while the car is AUTOMATIC.
 
         Args:
-            speed_mps: Of the rear axle's centre, 0 to the vehicle's `traction.speed_mps_max`.
-            curvature_per_m: Positive left, within plus or minus `vehicle.curvature_per_m_max`.
+            speed_mps: Of the rear axle's centre, up to the vehicle's `traction.speed_mps_max`, or
+                backwards, negative, to its `traction.reverse_speed_mps_max`. Told to turn round,
+                the car stops first.
+            curvature_per_m: Of the path, positive with the steering wheel to the left, within plus
+                or minus `vehicle.curvature_per_m_max`.
 
         Raises:
             TypeError: No number. Nothing was sent, here and below.

@@ -41,7 +41,8 @@ def brake_position_ratio(
     # The front wheel's own speed, not the rear axle's: no steering angle is needed, and in a turn
     # it is the larger one.
     radius_m = vehicle.geometry.wheel_radius_m
-    measured_mps = measured_wheel_speed_radps * radius_m
+    sign = _travel_sign(decision, measured_wheel_speed_radps, applied_wheel_speed_radps)
+    measured_mps = sign * measured_wheel_speed_radps * radius_m
     if decision.speed_mps == 0.0 and abs(measured_mps) < HOLD_SPEED_MPS_MAX:
         return vehicle.brake.hold_ratio
     # Told to stand, and still rolling when it should: on a slope regeneration fades and the margin
@@ -49,10 +50,23 @@ def brake_position_ratio(
     is_told_to_stand = decision.speed_mps == 0.0 and applied_wheel_speed_radps == 0.0
     is_late = is_told_to_stand and measured_mps > HOLD_SPEED_MPS_MAX
     ratio_min = vehicle.brake.hold_ratio if is_late else 0.0
-    excess_mps = measured_mps - applied_wheel_speed_radps * radius_m - REGEN_MARGIN_MPS
+    excess_mps = measured_mps - sign * applied_wheel_speed_radps * radius_m - REGEN_MARGIN_MPS
     if not excess_mps > 0.0:  # NaN as well: no echo, no braking by speed
         return ratio_min
     wanted_mps2 = BRAKE_GAIN_PER_S * excess_mps
     return max(
         min(wanted_mps2 / vehicle.brake.deceleration_mps2_full, BRAKE_RATIO_MAX), ratio_min
     )
+
+
+def _travel_sign(
+    decision: Decision, measured_wheel_speed_radps: float, applied_wheel_speed_radps: float
+) -> float:
+    """-1.0 for a car that drives backwards, or was told to and still rolls so; else 1.0."""
+    is_backwards = applied_wheel_speed_radps < 0.0 or decision.speed_mps < 0.0
+    is_rolling_out = (
+        decision.speed_mps == 0.0
+        and applied_wheel_speed_radps == 0.0
+        and measured_wheel_speed_radps < 0.0
+    )
+    return -1.0 if is_backwards or is_rolling_out else 1.0

@@ -12,6 +12,7 @@ from dbc.messages import BrakeCommand, SteerCommand, ThrottleCommand, ThrottleSt
 from dbc.spec import SignalRangeError
 from gateway.brake import brake_position_ratio
 from gateway.commands import COMMAND_PERIOD_NS, NS_PER_MS, NS_PER_S, Decision
+from gateway.direction import TurningRound
 from gateway.kinematics import Kinematics
 from vehicles.vehicle import Vehicle, VehicleError
 
@@ -48,6 +49,7 @@ class CommandSender:
         self._planner_period_ns = planner_period_ns
         self._decision: Decision | None = None
         self._decided_ns = 0
+        self._turning_round = TurningRound()
         self._is_unsent = False
         self._sent_ns: int | None = None
 
@@ -58,6 +60,7 @@ class CommandSender:
     def forget(self) -> None:
         """Drops the decision, so that nothing ever drives on it again."""
         self._decision, self._is_unsent = None, False
+        self._turning_round.forget()
 
     def decision_age_s(self, now_ns: int) -> float:
         """Age of the newest decision; NaN when there is none."""
@@ -74,6 +77,7 @@ class CommandSender:
         age_ms = wheel_angle_rad = wheel_speed_radps = brake_ratio = math.nan
         decision = self._decision
         if decision is not None:
+            decision = self._turned_round(decision, now_ns)
             age_ms = wire_age_ms(now_ns - self._decided_ns)
             wheel_angle_rad = self._kinematics.steering_wheel_angle_rad(decision.curvature_per_m)
             wheel_speed_radps = self._kinematics.wheel_speed_radps(
@@ -102,6 +106,17 @@ class CommandSender:
         expected_ns = self._decided_ns + self._planner_period_ns
         is_imminent = now_ns - GRACE_NS < expected_ns < now_ns + COMMAND_INTERVAL_NS_MIN
         return self._decision is None or not is_imminent
+
+    def _turned_round(self, decision: Decision, now_ns: int) -> Decision:
+        """The decision, or one to stand with the same curvature until the car may turn round."""
+        status = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)
+        measured_mps = math.nan
+        if status is not None and self._endpoint.is_fresh("THROTTLE_STATUS", now_ns):
+            measured_mps = status.wheel_speed_radps * self._vehicle.geometry.wheel_radius_m
+        speed_mps = self._turning_round.commanded_mps(now_ns, decision.speed_mps, measured_mps)
+        if speed_mps == decision.speed_mps:
+            return decision
+        return Decision(speed_mps=speed_mps, curvature_per_m=decision.curvature_per_m)
 
     def _brake_ratio(self, decision: Decision, now_ns: int) -> float:
         status = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)

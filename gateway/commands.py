@@ -66,8 +66,9 @@ class Decision:
     """One decision of the planner. Made by `decide`, which checks it."""
 
     speed_mps: Final[float]
+    """Negative backwards."""
     curvature_per_m: Final[float]
-    """Positive turns left."""
+    """Of the path; positive has the steering wheel to the left, whichever way the car goes."""
 
     def __init__(self, *, speed_mps: float, curvature_per_m: float) -> None:
         self.speed_mps = speed_mps
@@ -79,16 +80,24 @@ def decide(vehicle: Vehicle, *, speed_mps: object, curvature_per_m: object) -> D
 
     Raises:
         TypeError: A value that is no number (bool counts as none).
-        CommandError: NaN, infinite or out of range. Speed: 0 to `traction.speed_mps_max` (no
-            reverse); curvature: plus or minus what the steering reaches.
+        CommandError: NaN, infinite or out of range. Speed: `traction.speed_mps_max` forwards,
+            `traction.reverse_speed_mps_max` backwards, negative; curvature: plus or minus what the
+            steering reaches.
     """
     curvature_per_m_max = vehicle.curvature_per_m_max
     return Decision(
-        speed_mps=checked("speed_mps", speed_mps, 0.0, vehicle.traction.speed_mps_max, "m/s"),
+        speed_mps=checked_speed_mps(vehicle, speed_mps),
         curvature_per_m=checked(
             "curvature_per_m", curvature_per_m, -curvature_per_m_max, curvature_per_m_max, "1/m"
         ),
     )
+
+
+def checked_speed_mps(vehicle: Vehicle, speed_mps: object) -> float:
+    """A speed within the vehicle's limits, negative backwards; raises as `checked`."""
+    traction = vehicle.traction
+    low_mps = 0.0 - traction.reverse_speed_mps_max  # never minus zero
+    return checked("speed_mps", speed_mps, low_mps, traction.speed_mps_max, "m/s")
 
 
 def checked(field: str, value: object, low: float, high: float, unit: str) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.commands import CommandError, Decision, checked, decide
+from gateway.commands import CommandError, Decision, checked, checked_speed_mps, decide
 from gateway.kinematics import Kinematics
 from vehicles.vehicle import Vehicle
 
@@ -26,17 +26,18 @@ def decide_cmd_vel(vehicle: Vehicle, *, speed_mps: object, yaw_rate_radps: objec
 
     Args:
         vehicle: Whose limits hold.
-        speed_mps: Of the rear axle's centre, 0 to the vehicle's `traction.speed_mps_max`.
-        yaw_rate_radps: Positive left, at most speed times the largest curvature; so 0 at speed 0,
-            where the wheels go straight: a car does not turn on the spot.
+        speed_mps: Of the rear axle's centre, negative backwards, within the vehicle's limits.
+        yaw_rate_radps: Positive turns the car to the left, at most speed times the largest
+            curvature; so 0 at speed 0, where the wheels go straight: a car does not turn on the
+            spot. Backwards it is the steering wheel to the right that turns the car left.
 
     Raises:
         TypeError: A value that is no number.
         CommandError: NaN, infinite or out of range.
     """
-    speed = checked("speed_mps", speed_mps, 0.0, vehicle.traction.speed_mps_max, "m/s")
+    speed = checked_speed_mps(vehicle, speed_mps)
     curvature_max = vehicle.curvature_per_m_max
-    high = speed * curvature_max
+    high = abs(speed) * curvature_max
     yaw_rate = checked("yaw_rate_radps", yaw_rate_radps, -high, high, "rad/s")
     curvature = yaw_rate / speed if yaw_rate else 0.0
     # a division may be out by the last bit
@@ -51,7 +52,7 @@ def decide_car_command(
 
     Args:
         vehicle: Whose limits hold.
-        left_mps: Speed of the left rear wheel over ground, not negative.
+        left_mps: Speed of the left rear wheel over ground, negative backwards.
         right_mps: Of the right one. The two must differ as the electronic differential makes them
             (`Kinematics.rear_wheel_speeds_mps`), but for 0.02 m/s and 2 % of the speed.
         ackermann_rad: Angle of the imagined wheel in the middle of the front axle, positive left.
@@ -68,11 +69,14 @@ def decide_car_command(
     curvature = min(max(curvature, -curvature_max), curvature_max)
     fastest = kinematics.rear_wheel_speeds_mps(vehicle.traction.speed_mps_max, abs(curvature))
     wheel_max = fastest.right_mps + WHEEL_MISMATCH_MPS
-    left = checked("left_mps", left_mps, 0.0, wheel_max, "m/s")
-    right = checked("right_mps", right_mps, 0.0, wheel_max, "m/s")
+    back_mps = vehicle.traction.reverse_speed_mps_max
+    back = kinematics.rear_wheel_speeds_mps(back_mps, abs(curvature))
+    wheel_min = -(back.right_mps + WHEEL_MISMATCH_MPS) if back_mps > 0.0 else 0.0
+    left = checked("left_mps", left_mps, wheel_min, wheel_max, "m/s")
+    right = checked("right_mps", right_mps, wheel_min, wheel_max, "m/s")
     speed = (left + right) / 2.0
     wheels = kinematics.rear_wheel_speeds_mps(speed, curvature)
-    room = WHEEL_MISMATCH_MPS + WHEEL_MISMATCH_RATIO * speed
+    room = WHEEL_MISMATCH_MPS + WHEEL_MISMATCH_RATIO * abs(speed)
     difference = wheels.right_mps - wheels.left_mps
     if abs(right - left - difference) > room:
         raise CommandError(

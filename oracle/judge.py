@@ -28,6 +28,7 @@ from oracle.modes import Authorisation, ModeOrder
 from oracle.nodes import OneSender, RejoinsByRearming
 from oracle.property import Property
 from oracle.report import Corruptions, OracleReport, Violation
+from oracle.reverse import TurnsRoundStanding
 from oracle.sample import Sample
 from oracle.scene import CYCLIC, OF_SCENE, Fault, Scene
 from oracle.settings import HAZARD_NS, Settings
@@ -55,6 +56,7 @@ PROPERTIES: Final[tuple[type[Property], ...]] = (
     OneSender,
     OnlyIntactCommandsApplied,
     NoOldDecision,
+    TurnsRoundStanding,
     PathBounded,
 )
 """All of them, in the order in which they look."""

@@ -25,6 +25,7 @@ class Sample:
         brake_ratio: The brake pedal: servo or foot, whichever is further.
         motor_torque_nm: Traction motor; negative when it regenerates.
         drive_torque_nm: What it would be without regeneration.
+        reverse_selected: The drive's reverse contact is closed, by ECU, watchdog and relay.
         relay_closed: The manual/automatic relay; closed = automatic.
         steering_torque_nm: The driver's hands on the wheel.
         throttle_pedal_ratio: The driver's foot, 0 to 1.
@@ -47,6 +48,7 @@ class Sample:
     brake_ratio: Final[float]
     motor_torque_nm: Final[float]
     drive_torque_nm: Final[float]
+    reverse_selected: Final[bool]
     relay_closed: Final[bool]
     steering_torque_nm: Final[float]
     throttle_pedal_ratio: Final[float]
@@ -71,6 +73,7 @@ class Sample:
         brake_ratio: float = 0.0,
         motor_torque_nm: float = 0.0,
         drive_torque_nm: float = 0.0,
+        reverse_selected: bool = False,
         relay_closed: bool = False,
         steering_torque_nm: float = 0.0,
         throttle_pedal_ratio: float = 0.0,
@@ -92,6 +95,7 @@ class Sample:
         self.brake_ratio = brake_ratio
         self.motor_torque_nm = motor_torque_nm
         self.drive_torque_nm = drive_torque_nm
+        self.reverse_selected = reverse_selected
         self.relay_closed = relay_closed
         self.steering_torque_nm = steering_torque_nm
         self.throttle_pedal_ratio = throttle_pedal_ratio

@@ -162,6 +162,7 @@ class PlantSide:
                     ThrottleActuator(
                         throttle_dac_code=wire.throttle_dac_code,
                         regen_dac_code=wire.regen_dac_code,
+                        reverse_selected=wire.reverse_selected,
                     ),
                 )
             case BrakeActuatorWire() as wire:

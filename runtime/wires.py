@@ -99,7 +99,9 @@ class ThrottleWires(_Inputs):
     def frames(self, actuator: ThrottleActuator) -> list[Frame]:
         """Both DACs."""
         wire = ThrottleActuatorWire(
-            throttle_dac_code=actuator.throttle_dac_code, regen_dac_code=actuator.regen_dac_code
+            throttle_dac_code=actuator.throttle_dac_code,
+            regen_dac_code=actuator.regen_dac_code,
+            reverse_selected=actuator.reverse_selected,
         )
         return [harness_frame("THROTTLE_ACTUATOR", wire)]
 

@@ -33,6 +33,8 @@ class Limits:
     """One vehicle's envelope; sources are in its file."""
 
     speed_mps_max: float
+    reverse_speed_mps_max: float
+    """Backwards; the same as forwards on a car that has no reverse, and only rolls so."""
     lateral_acceleration_mps2_max: float
     lateral_jerk_mps3_max: float
     wheel_angle_rad_max: float
@@ -55,8 +57,12 @@ class Limits:
         """Limits of one vehicle."""
         envelope, steering, traction = vehicle.envelope, vehicle.steering, vehicle.traction
         acceleration_mps2 = min(traction.acceleration_mps2_max, traction.deceleration_mps2_max)
+        reverse_mps = envelope.speed_mps_max
+        if traction.reverse_speed_mps_max > 0.0:  # with the margin that it has forwards
+            reverse_mps += traction.reverse_speed_mps_max - traction.speed_mps_max
         return cls(
             speed_mps_max=envelope.speed_mps_max,
+            reverse_speed_mps_max=reverse_mps,
             lateral_acceleration_mps2_max=envelope.lateral_acceleration_mps2_max,
             lateral_jerk_mps3_max=envelope.lateral_jerk_mps3_max,
             wheel_angle_rad_max=envelope.wheel_angle_rad_max,

@@ -29,6 +29,10 @@ BRAKE_DIVERGENCE_NS: Final = 450_000_000
 """Longer than the servo's full travel of 0.29 s and its stick."""
 AXLE_SPEED_DIVERGENCE_MPS: Final = 1.0
 """Driven and rear wheels; a locked or spinning axle may differ for a moment."""
+WRONG_WAY_MPS: Final = 0.3
+"""A car that moves so fast against the setpoint in force goes the wrong way: a drive that turns
+round too early, a reverse contact that sticks, a hill that is too steep."""
+WRONG_WAY_NS: Final = 100_000_000
 _R: Final = MonitorReason
 
 
@@ -100,6 +104,7 @@ class MotionChecks:
                   BRAKE_DIVERGENCE_NS),
         )
         self._axles = Persistence(AXLE_DIVERGENCE_NS)
+        self._wrong_way = Persistence(WRONG_WAY_NS)
 
     def judge(self, now_ns: int, motion: Motion) -> list[Finding]:
         """Limits exceeded for long enough, and measured values that are not available."""
@@ -116,6 +121,9 @@ class MotionChecks:
         ):
             if math.isnan(value):
                 findings.append(self._finding(_R.VALUE_NOT_AVAILABLE, identifier, 0.0))
+        wrong_way = self._wrong_way_share(motion)
+        if self._wrong_way.holds(wrong_way > 1.0, now_ns):
+            findings.append(self._finding(_R.SPEED_DIVERGENCE, THROTTLE_STATUS_ID, wrong_way))
         axles = self._axle_share(motion)
         if self._axles.holds(axles > 1.0, now_ns):
             findings.append(self._finding(_R.SPEED_DIVERGENCE, BRAKE_STATUS_ID, axles))
@@ -135,8 +143,11 @@ class MotionChecks:
         curvature_per_m = math.tan(road_wheel_rad) / limits.wheelbase_m
         # The rear wheels roll at the speed of the reference point (UAH, after Eq. 9).
         lateral_mps2 = (m.rear_speed_radps * radius_m) ** 2 * curvature_per_m
+        speed_mps = max(abs(m.front_speed_radps), abs(m.rear_speed_radps)) * radius_m
+        backwards_mps = -min(m.front_speed_radps, m.rear_speed_radps) * radius_m
         return [
-            max(abs(m.front_speed_radps), abs(m.rear_speed_radps)) * radius_m,
+            # backwards by the share of its own limit
+            max(speed_mps, backwards_mps * limits.speed_mps_max / limits.reverse_speed_mps_max),
             m.wheel_angle_rad,
             self._rate.update(now_ns, m.wheel_angle_rad),
             lateral_mps2,
@@ -145,6 +156,14 @@ class MotionChecks:
             (m.applied_speed_radps - m.front_speed_radps) * radius_m,
             m.applied_servo_ratio - m.servo_ratio,
         ]
+
+    def _wrong_way_share(self, m: Motion) -> float:
+        """How fast both axles go against the setpoint in force; 0 if they do not."""
+        way = math.copysign(1.0, m.applied_speed_radps)
+        against_radps = min(-way * m.front_speed_radps, -way * m.rear_speed_radps)
+        if m.applied_speed_radps == 0.0 or not against_radps > 0.0:
+            return 0.0
+        return against_radps * self._limits.wheel_radius_m / WRONG_WAY_MPS
 
     def _axle_share(self, m: Motion) -> float:
         """Driven against rear wheels: an encoder that lies shows here."""

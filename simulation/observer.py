@@ -67,6 +67,7 @@ class Observer:
                 brake_ratio=brakes.pedal_ratio,
                 motor_torque_nm=traction.torque_nm,
                 drive_torque_nm=traction.drive_nm,
+                reverse_selected=hardware.reverse_selected,
                 relay_closed=hardware.relay_closed,
                 steering_torque_nm=driver.steering_torque_nm,
                 throttle_pedal_ratio=driver.throttle_pedal_ratio,

@@ -46,6 +46,8 @@ RELATIONS: tuple[tuple[str, str, Callable[[Vehicle], float], str], ...] = (
     ("steering.sensor_angle_rad_max", "steering",
      lambda vehicle: vehicle.steering.wheel_angle_rad_max + abs(vehicle.steering.zero_rad),
      "steering.wheel_angle_rad_max and the size of steering.zero_rad"),
+    ("traction.speed_mps_max", "traction",
+     lambda vehicle: vehicle.traction.reverse_speed_mps_max, "traction.reverse_speed_mps_max"),
     ("envelope.speed_mps_max", "traction",
      lambda vehicle: vehicle.traction.speed_mps_max, "traction.speed_mps_max"),
     ("envelope.wheel_angle_rad_max", "steering",

@@ -83,6 +83,8 @@ class Traction:
     regen_torque_nm_max: float = number(0.0, 2000.0)
     encoder_pulses_per_rev: float = number(1.0, 100000.0)
     speed_mps_max: float = number(0.2, 35.0)
+    reverse_speed_mps_max: float = optional_number(0.0, 10.0, 0.0)
+    """0: this car does not drive backwards by command."""
     acceleration_mps2_max: float = number(0.1, 10.0)
     deceleration_mps2_max: float = number(0.1, 10.0)
     speed_gain_per_s: float = number(0.0, 20.0)

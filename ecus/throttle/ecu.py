@@ -21,7 +21,8 @@ from ecus.common.actuator_ecu import NS_PER_S, ActuatorEcu, Told
 from ecus.common.encoder import EncoderSpeed
 from ecus.common.limits import clamp, readable_ratio
 from ecus.common.node_state import SAFE_STATES
-from ecus.throttle.control import SpeedLoop, actuator_of
+from ecus.throttle.control import STANDSTILL_MPS, SpeedLoop, actuator_of
+from ecus.throttle.direction import Direction
 from ecus.throttle.hill_start import HillPhase, HillStart
 from ecus.throttle.mode import ACTION, Situation, ThrottleAction
 from ecus.throttle.params import EXPOSED, ThrottleParams
@@ -62,6 +63,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         )
         self.loop = SpeedLoop()
         self._hill = HillStart()
+        self._direction = Direction()
         self._encoder = EncoderSpeed(self.params.encoder_pulses_per_rev)
         self._wheel_speed_radps = 0.0
         self._pedal_ratio = 0.0
@@ -103,30 +105,41 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
     def _act(self, now_ns: int) -> ThrottleActuator:
         before = self._action
         self._action = ACTION[self.state][self._situation(now_ns)]
-        if self._action in (ThrottleAction.IDLE, ThrottleAction.CUT):
+        if self._action is ThrottleAction.IDLE:
+            self._direction.release()
             return IDLE
+        if self._action is ThrottleAction.CUT:
+            return self._geared(IDLE)
         if self._action is ThrottleAction.REGENERATE:
-            if not self._rolls_forward(now_ns):
-                return IDLE
+            if not self._rolls_on(now_ns):
+                return self._geared(IDLE)
             if self._wheels is not None:
                 self._wheels.brake()
                 return IDLE
-            return actuator_of(-self.params.regen_deceleration_mps2_full, self.params)
+            regen_mps2 = self.params.regen_deceleration_mps2_full
+            return self._geared(actuator_of(-regen_mps2, self.params))
         if before is ThrottleAction.IDLE:
             self.loop.start(self._speed_mps)
         brake = None
         if self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
             brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
+        return self._follow(now_ns, brake)
+
+    def _follow(self, now_ns: int, brake: BrakeStatus | None) -> ThrottleActuator:
+        """The speed loop, seen in the direction in which the drive turns."""
         is_servo_braking = brake is None or not brake.servo_position_ratio <= BRAKING_RATIO_MIN
-        target_mps = self._target_mps(now_ns)
+        target_mps = max(self._target_mps(now_ns), -self.params.reverse_speed_mps_max)
+        self._direction.update(now_ns, target_mps, is_standing=self._is_standing(brake))
+        sign = self._direction.sign
+        along_mps, speed_mps = max(sign * target_mps, 0.0), sign * self._speed_mps
         phase = self._hill.update(
             now_ns,
             PERIOD_S,
             is_held=is_servo_braking
-            and target_mps > 0.0
+            and along_mps > 0.0
             and brake is not None
             and brake.applied_position_ratio > BRAKING_RATIO_MIN,
-            speed_mps=self._speed_mps,
+            speed_mps=speed_mps,
             hold_mps2=self.params.hold_mps2,
         )
         brake_mps2 = 0.0
@@ -139,18 +152,35 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             actuator = self.loop.push(self._hill.push_mps2, hill_mps2, self.params)
         else:
             actuator = self.loop.update(
-                target_mps,
-                self._speed_mps,
+                along_mps,
+                speed_mps,
                 PERIOD_S,
                 self.params,
                 is_servo_braking=is_servo_braking,
                 brake_mps2=brake_mps2,
             )
         if self._wheels is None:
-            return actuator
+            return self._geared(actuator)
         if not is_servo_braking:  # else no torque against the pads
-            self._wheels.follow(self.loop.reference_mps, self._road_wheel_rad)
+            self._wheels.follow(sign * self.loop.reference_mps, self._road_wheel_rad)
         return IDLE
+
+    def _geared(self, actuator: ThrottleActuator) -> ThrottleActuator:
+        """With the reverse contact as it is: it never switches while the car may move."""
+        if self._direction.sign > 0.0:
+            return actuator
+        return ThrottleActuator(
+            throttle_dac_code=actuator.throttle_dac_code,
+            regen_dac_code=actuator.regen_dac_code,
+            reverse_selected=True,
+        )
+
+    def _is_standing(self, brake: BrakeStatus | None) -> bool:
+        """Both axles stand, and nothing is asked of the motor; what is not known moves."""
+        if brake is None or self.loop.reference_mps != 0.0:
+            return False
+        rear_mps = brake.rear_wheel_speed_radps * self.params.wheel_radius_m
+        return abs(self._speed_mps) < STANDSTILL_MPS and abs(rear_mps) < STANDSTILL_MPS
 
     @property
     def _road_wheel_rad(self) -> float:
@@ -190,19 +220,22 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         is_due = now_ns - self._safe_since_ns > travel_ns
         return not is_due or status.servo_position_ratio >= BRAKED_RATIO_MIN
 
-    def _rolls_forward(self, now_ns: int) -> bool:
-        """By the faster axle: the encoder of one may be dead, or its wheel locked."""
-        if self._speed_mps >= REGEN_SPEED_MPS_MIN:
+    def _rolls_on(self, now_ns: int) -> bool:
+        """In the drive's direction, by the faster axle: the encoder of one may be dead, or its
+        wheel locked."""
+        sign = self._direction.sign
+        if sign * self._speed_mps >= REGEN_SPEED_MPS_MIN:
             return True
         status = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
         if status is None or not self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
             return False
-        rear_mps = status.rear_wheel_speed_radps * self.params.wheel_radius_m
-        return self._speed_mps > -REGEN_SPEED_MPS_MIN and rear_mps >= REGEN_SPEED_MPS_MIN
+        rear_mps = sign * status.rear_wheel_speed_radps * self.params.wheel_radius_m
+        return sign * self._speed_mps > -REGEN_SPEED_MPS_MIN and rear_mps >= REGEN_SPEED_MPS_MIN
 
     def _status(self) -> ThrottleStatus:
         is_following = self._action in (ThrottleAction.FOLLOW, ThrottleAction.STOP)
-        reference_radps = self.loop.reference_mps / self.params.wheel_radius_m
+        reference_mps = self._direction.sign * self.loop.reference_mps
+        reference_radps = reference_mps / self.params.wheel_radius_m
         return ThrottleStatus(
             wheel_speed_radps=self._wheel_speed_radps,
             applied_wheel_speed_radps=reference_radps if is_following else math.nan,

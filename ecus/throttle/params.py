@@ -32,6 +32,8 @@ class ThrottleParams:
     acceleration_mps2_max: float
     deceleration_mps2_max: float
     speed_mps_max: float
+    reverse_speed_mps_max: float
+    """0: no reverse."""
     driver_pedal_ratio_max: float
     command_timeout_s: float
     wheel_radius_m: float
@@ -65,6 +67,7 @@ class ThrottleParams:
             acceleration_mps2_max=traction.acceleration_mps2_max,
             deceleration_mps2_max=traction.deceleration_mps2_max,
             speed_mps_max=traction.speed_mps_max,
+            reverse_speed_mps_max=traction.reverse_speed_mps_max,
             driver_pedal_ratio_max=traction.pedal_ratio_max,
             command_timeout_s=vehicle.times.command_timeout_s,
             wheel_radius_m=geometry.wheel_radius_m,

@@ -50,9 +50,16 @@ class ThrottleActuator:
     regen_dac_code: Final[int]
     """0.5 V none to 4.5 V full regenerative braking."""
 
-    def __init__(self, *, throttle_dac_code: int, regen_dac_code: int) -> None:
+    reverse_selected: Final[bool]
+    """The controller's reverse contact: drive torque turns the wheels backwards. Without a refresh
+    it opens: forwards. The controller obeys it at any speed: the ECU must not ask for that."""
+
+    def __init__(
+        self, *, throttle_dac_code: int, regen_dac_code: int, reverse_selected: bool = False
+    ) -> None:
         self.throttle_dac_code = throttle_dac_code
         self.regen_dac_code = regen_dac_code
+        self.reverse_selected = reverse_selected
 
 
 IDLE: Final = ThrottleActuator(throttle_dac_code=dac_code(0.0), regen_dac_code=dac_code(0.0))

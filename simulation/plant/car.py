@@ -228,10 +228,7 @@ class Car:
         )
 
     def sense_brake(self, now_ns: int) -> BrakeSensors:
-        """Reads the servo, the brake pedal (which the servo moves too), a rear wheel and the slope.
-
-        The slope is that of gravity and acceleration together, as an inclinometer feels it.
-        """
+        """Reads servo, brake pedal (which the servo moves too), a rear wheel and inclinometer."""
         self.advance(now_ns)
         faults = self.faults
         sensors = self.params.sensors
@@ -347,6 +344,7 @@ class Car:
         servo_stuck = faults.servo_stuck
         servo_slow_factor = faults.servo_slow_factor
         traction_dead = faults.traction_dead
+        stuck = faults.reverse_contact_stuck
 
         begin_ns = self._end_ns
         hardware.resolve(begin_ns, pedal_ratio)
@@ -362,6 +360,7 @@ class Car:
                 aligning_per_n * chassis.front_axle_force_lateral_n,
                 chassis.speed_mps,
             )
+            traction.is_reverse = hardware.reverse_selected if stuck is None else stuck
             drive_n = traction.step(
                 hardware.drive_ratio,
                 hardware.regen_ratio,

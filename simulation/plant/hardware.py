@@ -7,8 +7,8 @@ supervisor changes nothing.
 | relay | watchdog | traction drive | steering motor | brake servo |
 |---|---|---|---|---|
 | open (manual) | any | driver's pedal, no regeneration | outputs open | unpowered |
-| closed (automatic) | fed | ECU's two DACs | ECU's duty and enable | ECU's setpoint and power |
-| closed (automatic) | starved | 0.5 V on both | outputs open | powered, full |
+| closed (automatic) | fed | ECU's DACs, contact | ECU's duty and enable | ECU's setpoint, power |
+| closed (automatic) | starved | 0.5 V on both, forwards | outputs open | powered, full |
 """
 
 from math import isfinite
@@ -36,6 +36,7 @@ class Hardware:
         "_duty_asked",
         "_motor_asked",
         "_regen_asked",
+        "_reverse_asked",
         "_steering_fed_until_ns",
         "_throttle_fed_until_ns",
         "_watchdog_ns",
@@ -45,6 +46,7 @@ class Hardware:
         "motor_powered",
         "regen_ratio",
         "relay_closed",
+        "reverse_selected",
         "servo_powered",
         "servo_target_ratio",
     )
@@ -60,6 +62,7 @@ class Hardware:
         self._motor_asked = False
         self._drive_asked = 0.0
         self._regen_asked = 0.0
+        self._reverse_asked = False
         self._brake_ratio_asked = 0.0
         self._brake_power_asked = False
         self.relay_closed = False
@@ -67,6 +70,7 @@ class Hardware:
         self.motor_powered = False
         self.drive_ratio = 0.0
         self.regen_ratio = 0.0
+        self.reverse_selected = False
         self.servo_target_ratio = 0.0
         self.servo_powered = False
         self.changes_at_ns = start_ns
@@ -81,9 +85,10 @@ class Hardware:
         self.changes_at_ns = now_ns
 
     def refresh_throttle(self, now_ns: int, command: ThrottleActuator) -> None:
-        """Takes both DAC codes and feeds the throttle watchdog."""
+        """Takes both DAC codes and the reverse contact, and feeds the throttle watchdog."""
         self._drive_asked = self._drive_input.ratio_of_code(command.throttle_dac_code)
         self._regen_asked = self._drive_input.ratio_of_code(command.regen_dac_code)
+        self._reverse_asked = command.reverse_selected
         self._throttle_fed_until_ns = now_ns + self._watchdog_ns
         self.changes_at_ns = now_ns
 
@@ -112,6 +117,7 @@ class Hardware:
         if not self.relay_closed:
             self.drive_ratio = self._drive_input.ratio_of_pedal(driver_throttle_ratio)
             self.regen_ratio = 0.0
+            self.reverse_selected = False
             self.motor_powered = False
             self.duty_ratio = 0.0
             self.servo_powered = False
@@ -129,10 +135,12 @@ class Hardware:
         if now_ns < self._throttle_fed_until_ns:
             self.drive_ratio = self._drive_asked
             self.regen_ratio = self._regen_asked
+            self.reverse_selected = self._reverse_asked
             changes_at_ns = min(changes_at_ns, self._throttle_fed_until_ns)
         else:
             self.drive_ratio = 0.0
             self.regen_ratio = 0.0
+            self.reverse_selected = False
         if now_ns < self._brake_fed_until_ns:
             self.servo_powered = self._brake_power_asked
             self.servo_target_ratio = self._brake_ratio_asked

@@ -149,6 +149,8 @@ class PlantFaults:
         throttle_pedal_override_ratio: Reading of the throttle pedal.
         brake_pedal_override_ratio: Reading of the brake pedal.
         relay_stuck: The manual/automatic relay does not move.
+        reverse_contact_stuck: The reverse contact stays closed (True) or open (False), whatever is
+            asked of it.
         slope_rad: Slope of the road, positive uphill; None = the plant's own number.
         friction_mu: Friction between tyre and road; None = the plant's own number.
         load_kg: On top of the plant's own mass.
@@ -169,6 +171,7 @@ class PlantFaults:
     throttle_pedal_override_ratio: float | None = None
     brake_pedal_override_ratio: float | None = None
     relay_stuck: bool = False
+    reverse_contact_stuck: bool | None = None
     slope_rad: float | None = None
     friction_mu: float | None = None
     load_kg: float = 0.0

@@ -35,7 +35,8 @@ class Traction:
 
     Attributes:
         torque_nm: Of the motor; negative when it regenerates.
-        drive_nm: What it would be without regeneration.
+        drive_nm: What it would be without regeneration, whichever way it turns.
+        is_reverse: The reverse contact is closed: drive torque turns backwards.
     """
 
     __slots__ = (
@@ -55,6 +56,7 @@ class Traction:
         "_speed_radps_max",
         "_torque_nm",
         "drive_nm",
+        "is_reverse",
         "torque_nm",
     )
 
@@ -77,6 +79,7 @@ class Traction:
         self._delay_index = 0
         self._drive_ratio = 0.0
         self._regen_ratio = 0.0
+        self.is_reverse = False
         self.drive_nm = 0.0
         self.torque_nm = 0.0
 
@@ -124,6 +127,8 @@ class Traction:
         elif fade < -1.0:
             fade = -1.0
         self.drive_nm = drive_nm
+        if self.is_reverse:
+            drive_nm = -drive_nm
         torque_nm = drive_nm - regen * min(self._regen_nm, limit_nm) * fade
         self.torque_nm = torque_nm
         if torque_nm * wheel_speed_mps >= 0.0:

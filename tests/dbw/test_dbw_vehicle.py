@@ -21,6 +21,7 @@ def test_a_good_file_is_told_with_what_follows_from_it(capsys: Capture) -> None:
     told = {name: value.strip() for name, value in told.items()}
     assert told["smallest radius"] == "10.02 m"  # UAH Eq. 13 at 9.25 rad of steering wheel
     assert told["longest emergency stop"] == "3.29 s"
+    assert told["top speed backwards"] == "5.4 km/h"
     assert told["steepest slope held at a stop"] == "12.4 deg"  # sin = 0.3 * 7 / 9.81
     assert told["entries"].startswith(f"{TEXT.count('{ value')}, ")
 

@@ -98,9 +98,9 @@ def test_a_yaw_rate_out_of_reach_names_field_value_and_range(value: float) -> No
     [
         ({"ackermann_rad": 0.41}, r"^ackermann_rad = 0.41: allowed -0.4 to 0.4 rad"),
         ({"ackermann_rad": math.nan}, r"^ackermann_rad = nan"),
-        ({"left_mps": -0.1}, r"^left_mps = -0.1: allowed 0 to"),
-        ({"right_mps": math.inf}, r"^right_mps = inf: allowed 0 to"),
-        ({"left_mps": 2.52, "right_mps": 2.52}, r"^speed_mps = 2.52: allowed 0 to 2.5 m/s"),
+        ({"left_mps": -1.03}, r"^left_mps = -1.03: allowed -1.02 to 2.52 m/s"),
+        ({"right_mps": math.inf}, r"^right_mps = inf: allowed -1.02 to"),
+        ({"left_mps": 2.52, "right_mps": 2.52}, r"^speed_mps = 2.52: allowed -1 to 2.5 m/s"),
     ],
 )
 def test_a_car_command_out_of_range_names_field_value_and_range(

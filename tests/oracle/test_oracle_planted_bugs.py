@@ -28,10 +28,12 @@ from ecus.steering.ecu import SteeringEcu
 from ecus.supervisor.ecu import SupervisorEcu
 from ecus.supervisor.mode import AUTHORISED, MODE_AFTER, RELAY_CLOSED, ModeEvent
 from ecus.supervisor.standstill import Standstill
+from ecus.throttle.direction import Direction
 from ecus.throttle.ecu import ThrottleEcu
 from ecus.throttle.mode import ACTION as THROTTLE_ACTION
 from ecus.throttle.mode import Situation as ThrottleSituation
 from ecus.throttle.mode import ThrottleAction
+from gateway.direction import TurningRound
 from oracle.braking import (
     BrakeKept,
     NoDriveWhileBraking,
@@ -53,6 +55,7 @@ from oracle.latches import CodesLatched, EmergencyLatched
 from oracle.modes import Authorisation, ModeOrder
 from oracle.nodes import OneSender, RejoinsByRearming
 from oracle.property import Property
+from oracle.reverse import TurnsRoundStanding
 from safety_monitor.monitor import SafetyMonitor
 from safety_monitor.verdict import VERDICT_OF, Phase, Severity
 from simulation.world import in_time
@@ -72,6 +75,12 @@ class Planted:
 
 
 # Scenarios ---------------------------------------------------------------------------------------
+
+
+def planner_turns_round(drive: Watched) -> None:
+    drive.away(2.0)
+    drive.speed_mps = -1.0
+    drive.run(1.0)
 
 
 def steering_motor_fails(drive: Watched) -> None:
@@ -294,6 +303,14 @@ def nobody_checks_the_crc(patch: Patch) -> None:
     patch.setattr(dbc.codec, "is_intact", lambda data, data_id: True)
 
 
+def nobody_waits_for_standstill(patch: Patch) -> None:
+    def turn(self: Direction, now_ns: int, target_mps: float, *, is_standing: bool) -> None:
+        self.sign = -1.0 if target_mps < 0.0 else 1.0
+
+    patch.setattr(Direction, "update", turn)
+    patch.setattr(TurningRound, "commanded_mps", lambda self, now_ns, wanted, measured: wanted)
+
+
 def nobody_knows_ages(patch: Patch) -> None:
     patch.setattr(ActuatorEcu, "_decision_age_ns", lambda node, now_ns: 0)
     patch.setattr(SafetyMonitor, "_check_decisions", lambda node, now_ns, findings: None)
@@ -338,6 +355,8 @@ PLANTED = (
     Planted("CRC not checked", OnlyIntactCommandsApplied, nobody_checks_the_crc,
             wrong_commands_come),
     Planted("age not checked", NoOldDecision, nobody_knows_ages, planner_falls_silent),
+    Planted("turns round on the way", TurnsRoundStanding, nobody_waits_for_standstill,
+            planner_turns_round),
     Planted("steering off zero", PathBounded, the_steering_sensor_is_off_zero, straight_on),
 )
 

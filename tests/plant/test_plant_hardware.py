@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from ecus.brake_servo.ports import BrakeActuator
@@ -221,3 +222,33 @@ def test_servo_setpoint_out_of_range_is_the_ecus_bug(car: Car, ratio: float) -> 
 def test_duty_out_of_range_is_the_ecus_bug(car: Car, duty: float) -> None:
     with pytest.raises(AssertionError, match="motor_duty_ratio"):
         car.actuate_steering(0, SteeringActuator(motor_duty_ratio=duty, motor_enabled=True))
+
+
+REVERSE = ThrottleActuator(throttle_dac_code=2048, regen_dac_code=410, reverse_selected=True)
+
+
+@pytest.mark.parametrize(
+    ("relay", "now_ns", "is_reverse"), [(CLOSE, 0, True), (CLOSE, 50 * MS, False), (OPEN, 0, False)]
+)
+def test_the_reverse_contact_needs_a_closed_relay_and_a_fed_watchdog(
+    relay: SupervisorActuator, now_ns: int, is_reverse: bool
+) -> None:
+    hardware = Hardware(TABBY_EVO, 0)
+    hardware.switch_relay(0, relay, stuck=False)
+    hardware.refresh_throttle(0, REVERSE)
+    hardware.resolve(now_ns, driver_throttle_ratio=0.0)
+    assert hardware.reverse_selected is is_reverse
+
+
+@pytest.mark.parametrize(("stuck", "sign"), [(None, -1.0), (False, 1.0), (True, -1.0)])
+def test_the_contact_says_which_way_the_motor_turns_unless_it_sticks(
+    stuck: bool | None, sign: float
+) -> None:
+    car = Car(TABBY_EVO, np.random.default_rng(1))
+    car.faults.reverse_contact_stuck = stuck
+    car.actuate_supervisor(0, CLOSE)
+    for now_ns in range(0, 1_000 * MS, 20 * MS):
+        car.actuate_throttle(now_ns, REVERSE)
+        car.actuate_brake(now_ns, NO_BRAKE)
+    car.advance(1_000 * MS)
+    assert sign * car.truth.speed_mps > 0.5 and sign * car.truth.motor_torque_nm > 10.0

@@ -160,7 +160,7 @@ def test_frames_for_others_are_not_counted() -> None:
 
 def test_commands_become_frames() -> None:
     duty = SteeringActuator(motor_duty_ratio=-0.25, motor_enabled=True)
-    dacs = ThrottleActuator(throttle_dac_code=2048, regen_dac_code=410)
+    dacs = ThrottleActuator(throttle_dac_code=2048, regen_dac_code=410, reverse_selected=True)
     servo = BrakeActuator(servo_position_ratio=0.75, servo_powered=True)
     (steering,) = SteeringWires().frames(duty)
     (throttle,) = ThrottleWires().frames(dacs)
@@ -169,7 +169,7 @@ def test_commands_become_frames() -> None:
     assert content(steering).motor_duty_ratio == pytest.approx(-0.25)
     assert content(steering).motor_enabled
     assert content(throttle).throttle_dac_code == 2048
-    assert content(throttle).regen_dac_code == 410
+    assert content(throttle).regen_dac_code == 410 and content(throttle).reverse_selected
     assert content(brake).servo_position_ratio == pytest.approx(0.75)
     assert content(brake).servo_powered
 

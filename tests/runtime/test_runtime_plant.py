@@ -148,7 +148,11 @@ def test_commands_move_motor_traction_and_servo_when_the_relay_is_closed() -> No
         ),
         harness_frame(
             "THROTTLE_ACTUATOR",
-            ThrottleActuatorWire(throttle_dac_code=dac_code(0.5), regen_dac_code=dac_code(0.0)),
+            ThrottleActuatorWire(
+                throttle_dac_code=dac_code(0.5),
+                regen_dac_code=dac_code(0.0),
+                reverse_selected=False,
+            ),
         ),
         harness_frame(
             "BRAKE_ACTUATOR", BrakeActuatorWire(servo_position_ratio=0.0, servo_powered=False)

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from dbc.messages import Mode, MonitorReason
-from tests.safety_monitor.monitor_bus import BRAKE, DENY, NAN, PERMIT, RADIUS_M, Answer, MonitorBus
+from tests.safety_monitor.monitor_bus import (
+    BRAKE,
+    DENY,
+    NAN,
+    PERMIT,
+    RADIUS_M,
+    TABBY,
+    Answer,
+    MonitorBus,
+)
 
 SPEED_MPS_MAX = 8.2
 LATERAL_MPS2_MAX = 3.0
@@ -46,13 +56,22 @@ def manual() -> MonitorBus:
 # Each limit, dense -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_speed_edge_to_a_hundredth_of_a_radian_per_second(sign: float) -> None:
+REVERSE_MPS_MAX = 2.2
+"""1.5 m/s backwards, and the 0.7 m/s that forwards has above 7.5 m/s."""
+
+
+@pytest.mark.parametrize(
+    ("sign", "limit_mps", "first_raw", "rear_radps"),
+    [(1.0, SPEED_MPS_MAX, 2840, 28.0), (-1.0, REVERSE_MPS_MAX, 750, 7.5)],
+)
+def test_speed_edge_to_a_hundredth_of_a_radian_per_second(
+    sign: float, limit_mps: float, first_raw: int, rear_radps: float
+) -> None:
     bus = manual()
-    for raw in range(2840, 2880):
+    for raw in range(first_raw, first_raw + 40):
         bus.say("THROTTLE_STATUS", wheel_speed_radps=sign * raw * 0.01)
-        bus.say("BRAKE_STATUS", rear_wheel_speed_radps=sign * 28.0)  # its resolution is coarser
-        beyond = raw * 0.01 * RADIUS_M > SPEED_MPS_MAX
+        bus.say("BRAKE_STATUS", rear_wheel_speed_radps=sign * rear_radps)  # of coarser resolution
+        beyond = raw * 0.01 * RADIUS_M > limit_mps
         told = judged(bus)
         # After a breach it takes half a second to be permitted again: STARTING is no finding.
         assert (told is MonitorReason.SPEED) == beyond, raw
@@ -309,3 +328,48 @@ def test_a_command_is_not_held_against_a_controlled_stop_nor_against_a_driver() 
         bus.say("STEER_STATUS", applied_steering_wheel_angle_rad=0.0)
         bus.run(8_000)
         assert bus.answers[-1].told == (PERMIT, MonitorReason.NONE, 0)
+
+
+# Backwards -------------------------------------------------------------------------------------
+
+
+def test_a_car_without_reverse_may_roll_backwards_as_fast_as_forwards() -> None:
+    traction = replace(TABBY.traction, reverse_speed_mps_max=0.0)
+    bus = MonitorBus(replace(TABBY, traction=traction)).permitted()
+    bus.say_speed(-8.0)
+    assert judged(bus) is MonitorReason.NONE
+    bus.say_speed(-8.4)
+    assert judged(bus) is MonitorReason.SPEED
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_100_ms_faster_than_a_walk_against_the_setpoint_brakes(sign: float) -> None:
+    for speed_mps, is_hazard in ((0.28, False), (0.33, True)):
+        bus = MonitorBus().driving()
+        bus.forget()
+        bus.say_speed(sign * speed_mps)  # both axles, and the setpoint with them
+        bus.say("THROTTLE_STATUS", applied_wheel_speed_radps=-sign * 0.1)
+        bus.run(90)
+        assert bus.told_ever() == {PERMIT}
+        told = bus.run(40).told
+        assert (told == (BRAKE, MonitorReason.SPEED_DIVERGENCE, 0x183)) is is_hazard, speed_mps
+
+
+@pytest.mark.parametrize("applied_radps", [0.0, NAN, 2.0])
+def test_no_setpoint_and_one_that_is_followed_are_no_wrong_way(applied_radps: float) -> None:
+    bus = MonitorBus().driving()
+    bus.forget()
+    bus.say_speed(0.5)
+    bus.say("THROTTLE_STATUS", applied_wheel_speed_radps=applied_radps)
+    bus.run(200)
+    assert bus.told_ever() == {PERMIT}
+
+
+def test_an_axle_that_stands_shows_no_wrong_way() -> None:
+    bus = MonitorBus().driving()
+    bus.forget()
+    bus.say_speed(0.5)
+    bus.say("BRAKE_STATUS", rear_wheel_speed_radps=0.0)
+    bus.say("THROTTLE_STATUS", applied_wheel_speed_radps=-0.1)
+    bus.run(200)
+    assert bus.told_ever() == {PERMIT}

@@ -15,7 +15,7 @@ from vehicles.vehicle import DriverPolicy, Vehicle
 
 TEXT = load_vehicle("tabby_evo").text
 ORIGIN = "my_car.toml"
-OPTIONAL = {("steering", "zero_rad")}
+OPTIONAL = {("steering", "zero_rad"), ("traction", "reverse_speed_mps_max")}
 """Fields that a file may leave out."""
 
 
@@ -230,6 +230,7 @@ def test_a_whole_number_is_a_number() -> None:
         ("brake", "on_time_s_max", "9.88", "9.86", "three times the longest stop (9.87)"),
         ("steering", "sensor_angle_rad_max", "9.25", "9.24",
          "steering.wheel_angle_rad_max and the size of steering.zero_rad (9.25)"),
+        ("traction", "speed_mps_max", "1.5", "1.4", "traction.reverse_speed_mps_max (1.5)"),
         ("envelope", "speed_mps_max", "7.5", "7.4", "traction.speed_mps_max (7.5)"),
         ("envelope", "wheel_angle_rad_max", "9.25", "9.2", "steering.wheel_angle_rad_max (9.25)"),
         ("envelope", "wheel_rate_radps_max", "8.73", "8.7", "steering.wheel_rate_radps_max (8.73)"),
