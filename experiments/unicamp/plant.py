@@ -20,6 +20,9 @@ from vehicles import load_vehicle
 from vehicles.vehicle import Vehicle
 
 BAJA: Final[Vehicle] = load_vehicle("baja_5b")
+assert BAJA.drives is not None, "three drives"
+STEERING_GEAR_RATIO: Final = BAJA.drives.steering_gear_ratio
+"""Turns of the motor for one of its gear's shaft, which is the "wheel" of the vehicle file."""
 GRAVITY_MPS2: Final = 9.81
 STANDING_MPS: Final = 0.01
 SLIP_SPEED_MPS_MIN: Final = 0.1
@@ -30,8 +33,6 @@ SLIP_SPEED_MPS_MIN: Final = 0.1
 class Linkage:
     """From the steering motor to the road wheels; all angles at the imagined middle wheel."""
 
-    gear_ratio: float
-    """Turns of the motor for one of its gear's shaft, which is the "wheel" of the vehicle file."""
     transmission_ratio: float
     """Of the road wheel's angle to the one that the vehicle file's ratio gives."""
     play_rad: float
@@ -91,7 +92,6 @@ class PlantParams:
 UNICAMP_PLANT: Final = PlantParams(
     name="unicamp",
     linkage=Linkage(
-        gear_ratio=10.0,  # assumption: a planetary gear at the EC45
         transmission_ratio=1.0,
         play_rad=math.radians(1.0),  # assumption: servo saver and ball joints of a 1:5 car
         dead_zone_rad=math.radians(0.5),  # assumption
@@ -166,7 +166,7 @@ class Baja:
 
     def _steer(self) -> None:
         linkage = self.params.linkage
-        shaft_rad = self.steering.angle_rad / linkage.gear_ratio
+        shaft_rad = self.steering.angle_rad / STEERING_GEAR_RATIO
         driven_rad = shaft_rad / BAJA.steering.ratio
         played_rad = self._played_rad
         low_rad, high_rad = driven_rad - linkage.play_rad, driven_rad + linkage.play_rad

@@ -21,7 +21,7 @@ from canbus.frame import Frame, ReceivedFrame
 from canbus.node import NODE_IDS, PERIOD_NS
 from experiments.chance import generator
 from experiments.response import FloatArray
-from experiments.unicamp.plant import BAJA, Baja, PlantParams
+from experiments.unicamp.plant import BAJA, STEERING_GEAR_RATIO, Baja, PlantParams
 from gateway.curvature_control import YawReading
 from simulation.drives.drive import EposDrive
 from simulation.drives.motor import COUNTS_PER_REV
@@ -38,7 +38,8 @@ ENABLE_S: Final = 0.2
 NODE_PRIORITY, DRIVE_PRIORITY, PLANT_PRIORITY, DRIVER_PRIORITY = 1, 2, 3, 4
 """Of what happens at one instant: who decides comes last, so nothing is known before its time."""
 
-UNITS_PER_RAD: Final = COUNTS_PER_REV / math.tau
+UNITS_PER_ROAD_RAD: Final = COUNTS_PER_REV / math.tau * STEERING_GEAR_RATIO * BAJA.steering.ratio
+"""Encoder units of the steering motor for an angle of the road wheel."""
 RPM_PER_MPS: Final = BAJA.traction.gear_ratio / BAJA.geometry.wheel_radius_m * RPM_PER_RADPS
 """Of a rear wheel's motor, as the vehicle file has it."""
 
@@ -121,7 +122,6 @@ class ThreeDrives:
         self.car = car = Baja(params, generator(seed, "imu"))
         self.kernel = Kernel()
         self.wire = Wire(self.kernel, round(BAJA.bus.bitrate_bps))
-        self._units_per_road_wheel = params.linkage.gear_ratio * BAJA.steering.ratio * UNITS_PER_RAD
         self.drives = {
             STEER: EposDrive(STEER, car.steering),
             LEFT: EposDrive(LEFT, car.left),
@@ -129,7 +129,7 @@ class ThreeDrives:
         }
         steering, throttle = NODE_IDS["Steering"], NODE_IDS["Throttle"]
         position, velocity = OperationMode.PROFILE_POSITION, OperationMode.PROFILE_VELOCITY
-        shaft_rpm = params.linkage.gear_ratio * RPM_PER_RADPS
+        shaft_rpm = STEERING_GEAR_RATIO * RPM_PER_RADPS
         turning = _settings(
             shaft_rpm * BAJA.steering.wheel_rate_radps_max,
             shaft_rpm * BAJA.steering.wheel_acceleration_radps2_max,
@@ -225,7 +225,7 @@ class ThreeDrives:
         )
         self.targets = targets = self.driver.decide(known)
         self._values = {
-            STEER: round(targets.road_wheel_rad * self._units_per_road_wheel),
+            STEER: round(targets.road_wheel_rad * UNITS_PER_ROAD_RAD),
             LEFT: round(targets.left_mps * RPM_PER_MPS),
             RIGHT: round(targets.right_mps * RPM_PER_MPS),
         }
