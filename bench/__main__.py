@@ -12,8 +12,8 @@ from bench.table import Table
 from dbw.demo import interrupt_on_sigterm
 
 NAMES = (
-    "codec", "speed", "demo", "lap", "emergency", "monitor", "dashboard", "record", "decode",
-    "socketcan",
+    "codec", "speed", "demo", "reproduce", "lap", "emergency", "monitor", "dashboard", "record",
+    "decode", "socketcan",
 )  # fmt: skip
 """In this order: what times comes before what only computes."""
 
@@ -50,9 +50,9 @@ Examples:
 def main(names: tuple[str, ...], quick: bool) -> None:
     """Measure what the project claims and print markdown tables.
 
-    NAME is one or more of codec, speed, demo, lap, emergency, monitor, dashboard, record, decode,
-    socketcan; without any, all but the last, which takes an hour or more in the virtual machine
-    (`dbw vm`).
+    NAME is one or more of codec, speed, demo, reproduce, lap, emergency, monitor, dashboard,
+    record, decode, socketcan; without any, all but the last, which takes an hour or more in the
+    virtual machine (`dbw vm`).
     """
     with interrupt_on_sigterm():  # workers end with their parent
         for name in names or [name for name in NAMES if name not in ONLY_BY_NAME]:

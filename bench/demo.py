@@ -18,7 +18,7 @@ WALL_S_MAX = 60.0
 MEMORY_MB_MAX = 500.0
 QUICK_ARGUMENTS = ("--distance-m", "40")
 
-_LAUNCHER = """
+LAUNCHER = """
 import json, resource, subprocess, sys, time
 start = time.monotonic()
 code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
@@ -82,7 +82,7 @@ def measure_demo(arguments: Sequence[str], *, quick: bool) -> DemoResult:
         out = Path(folder) / "demo"
         demo = [sys.executable, "-m", "dbw", "demo", "--out", str(out), *arguments]
         launched = subprocess.run(
-            [sys.executable, "-S", "-c", _LAUNCHER, *demo],
+            [sys.executable, "-S", "-c", LAUNCHER, *demo],
             check=True, stdout=subprocess.PIPE, text=True,
         )
         code, wall_s, memory_kib, cpu_s = json.loads(launched.stdout)

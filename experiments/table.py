@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiments.chance import generator
-from experiments.result import Experiment, Outcome, Setting
+from experiments.result import Experiment, Outcome, Setting, settled
 from experiments.uah.table import EXPERIMENTS as UAH
 from experiments.unicamp.table import EXPERIMENTS as UNICAMP
 from experiments.uwa.table import EXPERIMENTS as UWA
@@ -55,22 +58,51 @@ def experiments_of(names: Sequence[str]) -> tuple[Experiment, ...]:
 def run_experiments(
     chosen: Sequence[Experiment], seed: int, folder: Path, begin: Callable[[Experiment], None]
 ) -> Iterator[Finished]:
-    """Runs one after the other; each draws its picture into the folder.
+    """Runs them, a process for each of the machine's cores; each draws its picture into the folder.
 
     Args:
-        chosen: Which.
+        chosen: Which; what they find comes in this order.
         seed: Of all that is left to chance.
         folder: Exists.
-        begin: Told before each.
+        begin: Told before each that is waited for.
     """
-    for experiment in chosen:
-        begin(experiment)
-        yield run_one(experiment, seed, folder)
+    count = min(len(os.sched_getaffinity(0)), len(chosen))
+    if count < 2:
+        for experiment in chosen:
+            begin(experiment)
+            yield run_one(experiment, seed, folder)
+        return
+    tasks = [(experiment.id, seed, folder) for experiment in chosen]
+    # leaving the block ends the processes, whatever they do
+    with multiprocessing.get_context("spawn").Pool(count, _leave_interrupts_to_parent) as pool:
+        outcomes = pool.imap(_outcome, tasks)
+        for experiment in chosen:
+            begin(experiment)
+            outcome = next(outcomes)
+            yield Finished(
+                experiment=experiment, outcome=outcome, picture=_picture(experiment, folder)
+            )
+
+
+def _leave_interrupts_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _outcome(task: tuple[str, int, Path]) -> Outcome:
+    """What an experiment found, in another process."""
+    name, seed, folder = task
+    (experiment,) = [one for one in experiments_of(()) if one.id == name]
+    outcome = run_one(experiment, seed, folder).outcome
+    return replace(outcome, rows=tuple(settled(row) for row in outcome.rows))
+
+
+def _picture(experiment: Experiment, folder: Path) -> Path:
+    return folder / f"{experiment.id}.png"
 
 
 def run_one(experiment: Experiment, seed: int, folder: Path) -> Finished:
     """Runs a single experiment: the same outcome as among all others."""
     rng = generator(seed, experiment.id)
-    picture = folder / f"{experiment.id}.png"
+    picture = _picture(experiment, folder)
     outcome = experiment.run(Setting(seed=seed, rng=rng), picture)
     return Finished(experiment=experiment, outcome=outcome, picture=picture)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bench import codec, demo, lap, speed
+from bench import codec, demo, lap, reproduce, speed
 from bench.table import Table
 from canbus.frame import Frame
 from dbc.codec import encode
@@ -85,3 +85,11 @@ def test_the_demo_is_measured_as_a_process_and_names_its_files() -> None:
 def test_a_demo_that_fails_is_no_measure() -> None:
     with pytest.raises(RuntimeError, match="exit code 2"):
         demo.measure_demo(("--distance-m", "-1"), quick=True)
+
+
+@pytest.mark.slow
+def test_a_papers_experiments_are_timed_with_all_their_figures() -> None:
+    result = reproduce.measure(quick=True)
+    assert result.cpu_s > 0.0 and 0.0 < result.wall_s < 3600.0
+    assert result.figures_count > 10
+    assert_well_formed(result.tables())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from pathlib import Path
 
 import pytest
@@ -24,8 +25,16 @@ from experiments.result import (
     ours_at_most_share,
     ours_near_baseline,
     ours_within,
+    settled,
 )
-from experiments.table import PAPERS, Finished, UnknownPaper, experiments_of, run_one
+from experiments.table import (
+    PAPERS,
+    Finished,
+    UnknownPaper,
+    experiments_of,
+    run_experiments,
+    run_one,
+)
 from tests.experiments.running import FAST, once
 
 Capture = pytest.CaptureFixture[str]
@@ -111,6 +120,35 @@ def test_the_command_refuses_a_name_and_an_unwritable_folder_in_one_line(
     assert main(["reproduce", "uah", "--out", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_processes_find_what_one_would_in_the_order_of_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = [one for one in experiments_of(()) if one.id in FAST[:3]]
+    begun: list[str] = []
+
+    def found() -> list[tuple[str, list[dict[str, object]], bool]]:
+        finished = run_experiments(chosen, 0, tmp_path, lambda one: begun.append(one.id))
+        return [
+            (one.experiment.id, [shown.to_plain() for shown in one.outcome.rows],
+             one.picture.exists())
+            for one in finished
+        ]  # fmt: skip
+
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    by_two = found()
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0})
+    assert repr(by_two) == repr(found())
+    assert begun == [one.id for one in chosen] * 2
+
+
+@pytest.mark.parametrize("ours", [0.5, 1.5])
+def test_a_settled_row_crosses_processes_with_its_verdict(ours: float) -> None:
+    first = row(ours_at_most(1.0), 1.0, 2.0, ours)
+    again = pickle.loads(pickle.dumps(settled(first)))
+    assert again.to_plain() == first.to_plain()
+    assert again.passed is (ours < 1.0)
 
 
 def test_every_experiment_has_rows_of_its_own_name() -> None:
