@@ -19,7 +19,10 @@ DRIVEN_NM: Final = 1.0
 
 
 class TurnsRoundStanding(Property):
-    """While the relay is closed the drive turns round at standstill alone, without torque."""
+    """While the relay is closed the drive turns round at standstill alone, without torque.
+
+    docs/safety.md, driving backwards.
+    """
 
     name = "the drive turns round at standstill"
 

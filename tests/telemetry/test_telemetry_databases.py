@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dbc.database import VEHICLE_DBC, dbc_text
+from dbc.database import HARNESS_DBC, VEHICLE_DBC, dbc_text
 from telemetry.databases import DatabaseError, load_databases, nearest
 
 HEAD = 'VERSION ""\nBU_: A\n'
@@ -92,7 +92,9 @@ def test_cut_inside_a_message_is_told(tmp_path: Path) -> None:
 
 
 def test_buses_of_their_own_may_use_the_same_identifiers() -> None:
-    with pytest.raises(DatabaseError, match=r"harness: line 26: .*CHANNEL=FILE"):
+    lines = dbc_text(HARNESS_DBC).splitlines()
+    line = 1 + next(n for n, text in enumerate(lines) if text.startswith(f"BO_ {0x202} "))
+    with pytest.raises(DatabaseError, match=rf"harness: line {line}: .*CHANNEL=FILE"):
         load_databases(["vehicle", "harness"])
     databases = load_databases(["vehicle", "vcan1=harness"])
     found = [databases.find(0x202, False, channel) for channel in ("vcan0", "vcan1")]
