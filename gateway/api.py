@@ -26,6 +26,7 @@ from gateway.state import CarState
 from vehicles.vehicle import Vehicle
 
 TIMEOUT_S_MAX: Final = 3600.0
+AGE_S_MAX: Final = 10.0
 TICK_PERIOD_S_MIN, TICK_PERIOD_S_MAX = 0.001, 10.0
 
 LEAVE_MARGIN_S: Final = 2.0
@@ -53,7 +54,9 @@ class _Session:
         self._require_open()
         return self._link.state()
 
-    def command(self, *, speed_mps: float, curvature_per_m: float) -> None:
+    def command(
+        self, *, speed_mps: float, curvature_per_m: float, age_s: float = 0.0
+    ) -> None:
         """Gives a decision, which leaves at once. It counts only while the car is AUTOMATIC.
 
         Args:
@@ -62,6 +65,7 @@ class _Session:
                 the car stops first.
             curvature_per_m: Of the path, positive with the steering wheel to the left, within plus
                 or minus `vehicle.curvature_per_m_max`.
+            age_s: How old the decision is already, 0 to 10: of one that came over a link.
 
         Raises:
             TypeError: No number. Nothing was sent, here and below.
@@ -70,7 +74,9 @@ class _Session:
             LinkFailed: The connection broke.
         """
         self._require_open()
-        self._submit(decide(self.vehicle, speed_mps=speed_mps, curvature_per_m=curvature_per_m))
+        age_s = checked("age_s", age_s, 0.0, AGE_S_MAX, "s")
+        decision = decide(self.vehicle, speed_mps=speed_mps, curvature_per_m=curvature_per_m)
+        self._submit(decision, round(age_s * NS_PER_S))
 
     def cmd_vel(self, *, speed_mps: float, yaw_rate_radps: float) -> None:
         """A decision as UNICAMP's CmdVel; `decide_cmd_vel` has the ranges. Raises as `command`."""
@@ -125,8 +131,9 @@ class _Session:
         self._require_open()
         self._link.submit(PlannerInputs(request=Request.EMERGENCY_STOP))
 
-    def _submit(self, decision: Decision) -> None:
-        self._link.submit(PlannerInputs(decision=decision, decided_ns=self._link.now_ns()))
+    def _submit(self, decision: Decision, age_ns: int = 0) -> None:
+        decided_ns = self._link.now_ns() - age_ns
+        self._link.submit(PlannerInputs(decision=decision, decided_ns=decided_ns))
 
     def _require_open(self) -> None:
         if not self._is_open:

@@ -10,7 +10,9 @@ limit, check and time-out of the gateway and of the nodes holds for them as for 
 - Accelerate and Brake move a speed setpoint: by a share of `traction.acceleration_mps2_max`, or of
   `brake.deceleration_mps2_full`; by neither, the car rolls out. Brake wins over Accelerate. The
   servo follows the setpoint as for any planner; its last part belongs to emergencies.
-- READY (the button) and a set without Accelerate ask for AUTOMATIC. A reset is the button's.
+- READY and a set without Accelerate ask for AUTOMATIC, if READY came from MANUAL: by the button. A
+  drive that ended in READY is not begun anew without it. A reset is the button's.
+- A decision is as old as the oldest of its commands.
 - A command of wrong length or kind is ignored, not echoed, and told as ER0.
 
 The frames are unprotected, as the paper's serial line was: who runs this adapter trusts whoever can
@@ -60,6 +62,8 @@ class ByteOutput:
     frames: tuple[Frame, ...]
     """Echoes, and BYTE_ERRORS when it is due."""
     decision: Decision | None
+    age_s: float
+    """Of the oldest command of the decision."""
     wants_engage: bool
 
 
@@ -88,6 +92,7 @@ class ByteCommands:
         self._age_ns_max = decision_age_ns_max(planner_period_ns)
         self._set: dict[str, tuple[int, int]] = {}
         self._decided_ns: int | None = None
+        self._was_manual = False
         self._setpoint_mps = 0.0
         self._er0_ns: int | None = None
         self._told: ByteErrors | None = None
@@ -108,13 +113,22 @@ class ByteCommands:
             for name, (value, arrival_ns) in self._set.items()
             if now_ns - arrival_ns <= self._age_ns_max
         }
-        decision, wants_engage = None, False
+        if car.mode is not Mode.READY:
+            self._was_manual = car.mode is Mode.MANUAL
+        decision, age_ns, wants_engage = None, 0, False
         if len(fresh) == len(COMMANDS):
+            age_ns = now_ns - min(arrival_ns for _, arrival_ns in self._set.values())
             self._set.clear()
             decision = self._decide(now_ns, fresh, car)
-            wants_engage = car.mode is Mode.READY and fresh["BYTE_ACCELERATE"] == 0
+            may_engage = car.mode is Mode.READY and self._was_manual
+            wants_engage = may_engage and fresh["BYTE_ACCELERATE"] == 0
         frames += self._errors(now_ns, car)
-        return ByteOutput(frames=tuple(frames), decision=decision, wants_engage=wants_engage)
+        return ByteOutput(
+            frames=tuple(frames),
+            decision=decision,
+            age_s=age_ns / NS_PER_S,
+            wants_engage=wants_engage,
+        )
 
     def _take(self, item: ReceivedFrame) -> Frame | None:
         """Notes a command; the echo, or None for what is no command."""
@@ -211,7 +225,9 @@ def serve(
         send(frame)
     if output.decision is not None:
         car.command(
-            speed_mps=output.decision.speed_mps, curvature_per_m=output.decision.curvature_per_m
+            speed_mps=output.decision.speed_mps,
+            curvature_per_m=output.decision.curvature_per_m,
+            age_s=output.age_s,
         )
     if output.wants_engage:
         try:

@@ -104,6 +104,8 @@ def test_car_that_cannot_be_opened_stays_closed() -> None:
         ({"speed_mps": 1.0, "curvature_per_m": 0.2}, CommandError),
         ({"speed_mps": "fast", "curvature_per_m": 0.0}, TypeError),
         ({"speed_mps": 1.0, "curvature_per_m": None}, TypeError),
+        ({"speed_mps": 1.0, "curvature_per_m": 0.0, "age_s": -0.001}, CommandError),
+        ({"speed_mps": 1.0, "curvature_per_m": 0.0, "age_s": math.nan}, CommandError),
     ],
 )
 def test_wrong_command_raises_at_once_and_sends_nothing(
@@ -116,6 +118,14 @@ def test_wrong_command_raises_at_once_and_sends_nothing(
             car.command(**values)
         assert rig.sent == []
         assert math.isnan(car.state.decision_age_s)
+
+
+def test_a_decision_may_have_been_made_before_it_was_given() -> None:
+    car, link, _ = make()
+    with car:
+        car.command(speed_mps=1.0, curvature_per_m=0.0, age_s=0.03)
+        link.wait_until(link.now_ns() + 20_000_000)
+        assert car.state.decision_age_s == pytest.approx(0.05, abs=0.011)
 
 
 def test_cmd_vel_and_car_command_leave_as_one_speed_and_one_angle() -> None:

@@ -205,11 +205,32 @@ def test_a_speed_that_is_not_known_lets_the_setpoint_only_begin(speed_mps: float
 def test_the_button_and_a_set_without_accelerate_ask_for_automatic() -> None:
     bench = Bench()
     bench.car = standing(mode=Mode.READY, is_engaged=False)
+    assert not bench.give(0, 0, 0).wants_engage, "nobody has seen the button"
+    bench.car = standing(mode=Mode.MANUAL, is_engaged=False)
+    bench.step()
+    bench.car = standing(mode=Mode.READY, is_engaged=False)
     assert not bench.give(0, 1, 0).wants_engage
     assert bench.give(255, 0, 0).wants_engage
     assert not bench.step().wants_engage
     bench.car = standing(mode=Mode.MANUAL, is_engaged=False)
     assert not bench.give(0, 0, 0).wants_engage
+
+
+@pytest.mark.parametrize("mode", [Mode.AUTOMATIC, Mode.STOPPING, Mode.EMERGENCY])
+def test_a_ready_that_ends_a_drive_is_not_the_buttons(mode: Mode) -> None:
+    bench = Bench()
+    for seen, wants in ((Mode.MANUAL, False), (Mode.READY, True), (mode, False),
+                        (Mode.READY, False), (Mode.MANUAL, False), (Mode.READY, True)):  # fmt: skip
+        bench.car = standing(mode=seen, is_engaged=False)
+        assert bench.give(0, 0, 0).wants_engage is wants, seen
+
+
+def test_a_decision_is_as_old_as_its_oldest_byte() -> None:
+    bench = Bench()
+    brake, accelerate, steer = byte_frames(0, 0, 0)
+    bench.step(steer)
+    assert bench.step(brake, accelerate, after_ms=40).age_s == pytest.approx(0.04)
+    assert bench.step(brake, accelerate, steer).age_s == 0.0
 
 
 def test_errors_are_told_every_100_ms_and_at_once_on_a_change() -> None:
@@ -331,6 +352,19 @@ def test_a_planner_that_leaves_one_command_away_falls_silent() -> None:
         planner.world.wire.send(planner.world.now_ns, "BytePlanner", byte_frames(0, 200, 0)[:2])
         planner.run(car, 0.05)
     assert car.state.mode is Mode.EMERGENCY
+
+
+def test_a_car_stopped_by_the_button_stays_ready() -> None:
+    planner, car = engaged()
+    planner.values = (0, 200, 0)
+    assert planner.run(car, 2.0).speed_mps > 1.0
+    planner.values = (0, 0, 0)
+    planner.press(car)
+    assert planner.run(car, 4.0).mode is Mode.READY
+    planner.press(car)  # to MANUAL
+    planner.run(car, 0.5)
+    planner.press(car)
+    assert planner.run(car, 0.5).is_engaged
 
 
 def test_spoilt_commands_beside_good_ones_change_nothing_but_are_told() -> None:
