@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import copysign, inf
 from typing import Final
 
 from oracle.deadlines import Held
@@ -20,7 +20,6 @@ TRAVEL_MARGIN: Final = 1.3
 """The servo is given so much more than its travel before it counts as dead (docs/safety.md)."""
 REGENERATION_LAG_NS: Final = 250 * NS_PER_MS
 """Dead time and lag of the traction controller."""
-REGENERATING_NM: Final = -5.0
 REGENERATING_MPS: Final = 1.0
 """The motor's regeneration fades below walking pace (5 km/h)."""
 SILENT_NS: Final = 100 * NS_PER_MS
@@ -112,11 +111,12 @@ class RegenerationReplacesServo(Property):
         is_missing = (
             self.scene.braking_since_ns is not None
             and sample.servo_position_ratio < 0.5
-            and sample.speed_mps > REGENERATING_MPS
+            and abs(sample.speed_mps) > REGENERATING_MPS
             and now_ns - self._throttle.heard_ns < SILENT_NS
         )
         is_due = self._missing.update(now_ns, is_missing)
-        if self._once.begins(is_due and sample.motor_torque_nm > REGENERATING_NM):
+        braking_nm = -copysign(1.0, sample.speed_mps) * sample.motor_torque_nm
+        if self._once.begins(is_due and braking_nm < self.settings.regenerating_nm):
             self.violated(
                 now_ns,
                 f"servo at {sample.servo_position_ratio:.2f}, motor {sample.motor_torque_nm:.1f} "

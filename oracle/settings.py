@@ -21,6 +21,10 @@ DRIVER_WINS_FAULTY_NS: Final = 150 * NS_PER_MS
 """The same while something is faulty: 100 ms from the debounced touch."""
 MEMORY_NS: Final = 2 * NS_PER_S
 """So long a fault that has ended may still be the reason for what happens."""
+NO_DRIVE_RATIO: Final = 1.0 / 64.0
+"""Share of the motor's torque that counts as none: 2 N.m of tabby_evo's."""
+REGENERATING_RATIO: Final = 1.0 / 12.0
+"""Share of the regeneration that counts as some: 5 N.m of tabby_evo's."""
 assert SENSED_NS < SILENT_NS < HAZARD_NS < MEMORY_NS
 
 
@@ -38,7 +42,8 @@ class Settings:
         drive_cut_ns: From the brake's beginning until drive torque no longer rises: the slowest
             way to notice it, and the traction controller's dead time of 40 ms.
         drive_gone_ns: Until there is none, the controller's lag included.
-        drive_torque_nm_max: What counts as none.
+        drive_torque_nm_max: What counts as none, of either sign.
+        regenerating_nm: Regeneration that counts as some.
         motor_torque_nm_full: Of the traction motor.
         moving_mps: The speed above which no brake is released, and a little (ER3: 0.2 m/s).
         standing_mps: Below this the car stands.
@@ -61,7 +66,8 @@ class Settings:
     deceleration_mps2_min: float
     drive_cut_ns: int = SILENT_NS + 50 * NS_PER_MS
     drive_gone_ns: int = SILENT_NS + 600 * NS_PER_MS
-    drive_torque_nm_max: float = 2.0
+    drive_torque_nm_max: float
+    regenerating_nm: float
     motor_torque_nm_full: float
     moving_mps: float = 0.25
     standing_mps: float = 0.15
@@ -83,6 +89,8 @@ class Settings:
         values: dict[str, Any] = {
             "servo_travel_ns": round(brake.full_travel_s * NS_PER_S),
             "deceleration_mps2_min": brake.deceleration_mps2_min,
+            "drive_torque_nm_max": NO_DRIVE_RATIO * vehicle.traction.motor_torque_nm_max,
+            "regenerating_nm": REGENERATING_RATIO * vehicle.traction.regen_torque_nm_max,
             "motor_torque_nm_full": vehicle.traction.motor_torque_nm_max,
             "driver_torque_nm": 1.3 * steering.driver_torque_nm_max,
             "throttle_pedal_ratio": 1.3 * vehicle.traction.pedal_ratio_max,

@@ -20,7 +20,8 @@ from vehicles import Vehicle
 from vehicles.vehicle import Drives
 
 RAMP_MARGIN: Final = 1.5
-"""The ECU's reference obeys the limits; the drives' own ramps only must not hold it back."""
+"""The ECU's reference obeys the limits; the drives' own ramps only must not hold it back, nor lie
+above the speed of a car that the servo brakes as well: its wheels would push."""
 
 SPEED_MARGIN: Final = 1.1
 
@@ -72,8 +73,9 @@ class WheelDrives:
 def _settings(vehicle: Vehicle, params: ThrottleParams, rpm_per_mps: float) -> list[Setting]:
     half = 0.5 * vehicle.geometry.track_m * vehicle.curvature_per_m_max
     speed_mps = SPEED_MARGIN * params.speed_mps_max * (1.0 + half)
-    regen_mps2 = params.regen_deceleration_mps2_full
-    slowing_mps2 = max(RAMP_MARGIN * params.deceleration_mps2_max, regen_mps2)
+    slowing_mps2 = RAMP_MARGIN * max(
+        params.deceleration_mps2_max, params.regen_deceleration_mps2_full, params.brake_mps2_full
+    )
     values = {
         cia402.PROFILE_VELOCITY_MAX: speed_mps * rpm_per_mps,
         cia402.PROFILE_ACCELERATION: RAMP_MARGIN * params.acceleration_mps2_max * rpm_per_mps,

@@ -15,7 +15,9 @@ from oracle.braking import (
     NoFalseEmergency,
     RegenerationReplacesServo,
 )
+from oracle.settings import Settings
 from tests.oracle.history import NS_PER_MS, History
+from vehicles import load_vehicle
 
 # No drive torque ---------------------------------------------------------------------------------
 
@@ -134,6 +136,18 @@ def test_a_dead_servo_without_regeneration_is_told_when_it_is_due() -> None:
 @pytest.mark.parametrize(("torque_nm", "speed_mps"), [(-60.0, 5.0), (0.0, 0.9)])
 def test_regeneration_or_walking_pace_are_well(torque_nm: float, speed_mps: float) -> None:
     assert dead_servo(torque_nm, speed_mps).run(2000).broken() == []
+
+
+@pytest.mark.parametrize(("torque_nm", "is_broken"), [(60.0, False), (0.0, True), (-60.0, True)])
+def test_backwards_it_is_the_torque_forwards_that_brakes(torque_nm: float, is_broken: bool) -> None:
+    assert bool(dead_servo(torque_nm, -2.0).run(2000).broken()) == is_broken
+
+
+def test_what_counts_as_torque_goes_with_the_vehicles_own() -> None:
+    tabby, baja = (Settings.of(load_vehicle(name)) for name in ("tabby_evo", "baja_5b"))
+    assert (tabby.drive_torque_nm_max, tabby.regenerating_nm) == (2.0, 5.0)
+    assert baja.drive_torque_nm_max < 0.02 * 0.8  # its whole torque
+    assert baja.regenerating_nm < 0.1 * 0.4
 
 
 def test_a_servo_that_brakes_needs_no_regeneration() -> None:

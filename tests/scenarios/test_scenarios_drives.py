@@ -14,7 +14,7 @@ from ecus.common.drive_output import START_NS
 from simulation.drives.faults import DriveFault
 from simulation.plant.drive_train import HELD, DriveTrain
 from tests.oracle.watched import Watched
-from tests.scenarios.driving import STRANGER, Drive
+from tests.scenarios.driving import STRANGER, TICK_S, Drive
 from tests.vehicles.drive_car import CAR, GEAR, LEFT, STEER, TEXT
 from vehicles import parse_vehicle
 
@@ -166,6 +166,27 @@ def test_a_dead_servo_is_replaced_by_the_wheels_drives() -> None:
     drive.run(1.5)
     assert drive.train.left.drive.state not in HELD  # it could not hold the car
     assert abs(drive.speed) < 0.3
+
+
+def way_braked(brake: Callable[[DriveCar], None]) -> float:
+    """Until the car stands, from the call on; no wheel is ever driven once it slows down."""
+    drive = driving(2.2)
+    began_m = drive.car.truth.distance_m
+    brake(drive)
+    drive.run(0.1)
+    worst_nm = 0.0
+    while abs(drive.speed) > 0.02:
+        drive.run(TICK_S)
+        worst_nm = max(worst_nm, drive.drive_torque_nm)
+    assert worst_nm == 0.0
+    return drive.car.truth.distance_m - began_m
+
+
+def test_drives_never_push_against_the_watchdogs_brake() -> None:
+    asked_m = way_braked(lambda drive: drive.request(Request.EMERGENCY_STOP, TICK_S))
+    dead_m = way_braked(lambda drive: drive.stop_node("BrakeServo"))
+    silence_m = 2.2 * 0.06
+    assert dead_m < 1.1 * (asked_m + silence_m)
 
 
 # What goes wrong ---------------------------------------------------------------------------------
