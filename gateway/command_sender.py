@@ -8,12 +8,20 @@ from typing import Final
 from canbus.frame import Frame
 from canbus.node import PERIOD_NS
 from dbc.endpoint import SPEC_OF_NAME, Endpoint
-from dbc.messages import BrakeCommand, SteerCommand, ThrottleCommand, ThrottleStatus
+from dbc.messages import (
+    BrakeCommand,
+    BrakeStatus,
+    SteerCommand,
+    SupervisorState,
+    ThrottleCommand,
+    ThrottleStatus,
+)
 from dbc.spec import SignalRangeError
 from gateway.brake import brake_position_ratio
 from gateway.commands import COMMAND_PERIOD_NS, NS_PER_MS, NS_PER_S, Decision
-from gateway.direction import TurningRound
+from gateway.direction import Rolling, TurningRound
 from gateway.kinematics import Kinematics
+from gateway.requests import DRIVING_MODES
 from vehicles.vehicle import Vehicle, VehicleError
 
 AGE_STEP_NS: Final = 5 * NS_PER_MS
@@ -109,14 +117,32 @@ class CommandSender:
 
     def _turned_round(self, decision: Decision, now_ns: int) -> Decision:
         """The decision, or one to stand with the same curvature until the car may turn round."""
-        status = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)
-        measured_mps = math.nan
-        if status is not None and self._endpoint.is_fresh("THROTTLE_STATUS", now_ns):
-            measured_mps = status.wheel_speed_radps * self._vehicle.geometry.wheel_radius_m
-        speed_mps = self._turning_round.commanded_mps(now_ns, decision.speed_mps, measured_mps)
+        supervisor = self._endpoint.get("SUPERVISOR_STATE", SupervisorState)
+        if supervisor is not None and supervisor.mode in DRIVING_MODES:
+            rolling = self._rolling(now_ns)
+            speed_mps = self._turning_round.commanded_mps(now_ns, decision.speed_mps, rolling)
+        else:  # the throttle ECU counts from AUTOMATIC on, and nobody holds the car before
+            self._turning_round.forget()
+            speed_mps = max(decision.speed_mps, 0.0)
         if speed_mps == decision.speed_mps:
             return decision
         return Decision(speed_mps=speed_mps, curvature_per_m=decision.curvature_per_m)
+
+    def _rolling(self, now_ns: int) -> Rolling:
+        front_radps = rear_radps = applied_radps = math.nan
+        throttle = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)
+        if throttle is not None and self._endpoint.is_fresh("THROTTLE_STATUS", now_ns):
+            front_radps = throttle.wheel_speed_radps
+            applied_radps = throttle.applied_wheel_speed_radps
+        brake = self._endpoint.get("BRAKE_STATUS", BrakeStatus)
+        if brake is not None and self._endpoint.is_fresh("BRAKE_STATUS", now_ns):
+            rear_radps = brake.rear_wheel_speed_radps
+        radius_m = self._vehicle.geometry.wheel_radius_m
+        return Rolling(
+            front_mps=front_radps * radius_m,
+            rear_mps=rear_radps * radius_m,
+            applied_mps=applied_radps * radius_m,
+        )
 
     def _brake_ratio(self, decision: Decision, now_ns: int) -> float:
         status = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)

@@ -278,12 +278,14 @@ class SafetyMonitor:
         steer = self._endpoint.get("STEER_STATUS", SteerStatus)
         throttle = self._endpoint.get("THROTTLE_STATUS", ThrottleStatus)
         brake = self._endpoint.get("BRAKE_STATUS", BrakeStatus)
+        command = self._endpoint.get("THROTTLE_COMMAND", ThrottleCommand)
         nan = math.nan
         return Motion(
             wheel_angle_rad=steer.steering_wheel_angle_rad if steer else nan,
             applied_wheel_angle_rad=steer.applied_steering_wheel_angle_rad if steer else nan,
             front_speed_radps=throttle.wheel_speed_radps if throttle else nan,
             applied_speed_radps=throttle.applied_wheel_speed_radps if throttle else nan,
+            commanded_speed_radps=command.wheel_speed_radps if command else nan,
             rear_speed_radps=brake.rear_wheel_speed_radps if brake else nan,
             servo_ratio=brake.servo_position_ratio if brake else nan,
             applied_servo_ratio=brake.applied_position_ratio if brake else nan,

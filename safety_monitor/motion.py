@@ -30,20 +30,22 @@ BRAKE_DIVERGENCE_NS: Final = 450_000_000
 AXLE_SPEED_DIVERGENCE_MPS: Final = 1.0
 """Driven and rear wheels; a locked or spinning axle may differ for a moment."""
 WRONG_WAY_MPS: Final = 0.3
-"""A car that moves so fast against the setpoint in force goes the wrong way: a drive that turns
-round too early, a reverse contact that sticks, a hill that is too steep."""
+"""A car that moves so fast against the setpoint in force, or the command that is not in force yet,
+goes the wrong way: a drive that turns round too early or never, a reverse contact that sticks, a
+hill that is too steep."""
 WRONG_WAY_NS: Final = 100_000_000
 _R: Final = MonitorReason
 
 
 @dataclass(slots=True, kw_only=True, init=False, unsafe_hash=True)
 class Motion:
-    """What the status frames say; NaN where they say nothing."""
+    """What the status frames say, and THROTTLE_COMMAND; NaN where they say nothing."""
 
     wheel_angle_rad: Final[float]
     applied_wheel_angle_rad: Final[float]
     front_speed_radps: Final[float]
     applied_speed_radps: Final[float]
+    commanded_speed_radps: Final[float]
     rear_speed_radps: Final[float]
     servo_ratio: Final[float]
     applied_servo_ratio: Final[float]
@@ -55,6 +57,7 @@ class Motion:
         applied_wheel_angle_rad: float,
         front_speed_radps: float,
         applied_speed_radps: float,
+        commanded_speed_radps: float,
         rear_speed_radps: float,
         servo_ratio: float,
         applied_servo_ratio: float,
@@ -63,6 +66,7 @@ class Motion:
         self.applied_wheel_angle_rad = applied_wheel_angle_rad
         self.front_speed_radps = front_speed_radps
         self.applied_speed_radps = applied_speed_radps
+        self.commanded_speed_radps = commanded_speed_radps
         self.rear_speed_radps = rear_speed_radps
         self.servo_ratio = servo_ratio
         self.applied_servo_ratio = applied_servo_ratio
@@ -158,10 +162,16 @@ class MotionChecks:
         ]
 
     def _wrong_way_share(self, m: Motion) -> float:
-        """How fast both axles go against the setpoint in force; 0 if they do not."""
-        way = math.copysign(1.0, m.applied_speed_radps)
+        """How fast both axles go against the setpoint in force, or against the command while that
+        is still 0; 0 if they do not, or nothing is in force."""
+        setpoint_radps = m.applied_speed_radps
+        if setpoint_radps == 0.0:
+            setpoint_radps = m.commanded_speed_radps
+        if not abs(setpoint_radps) > 0.0:  # NaN as well: a driver goes where he likes
+            return 0.0
+        way = math.copysign(1.0, setpoint_radps)
         against_radps = min(-way * m.front_speed_radps, -way * m.rear_speed_radps)
-        if m.applied_speed_radps == 0.0 or not against_radps > 0.0:
+        if not against_radps > 0.0:
             return 0.0
         return against_radps * self._limits.wheel_radius_m / WRONG_WAY_MPS
 

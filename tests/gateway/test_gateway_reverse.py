@@ -9,7 +9,7 @@ import pytest
 
 from gateway.brake import brake_position_ratio
 from gateway.commands import CommandError, Decision, decide
-from gateway.direction import TurningRound
+from gateway.direction import Rolling, TurningRound
 from gateway.kinematics import Kinematics
 from gateway.motion_commands import decide_car_command, decide_cmd_vel
 from vehicles import Vehicle, load_vehicle
@@ -60,41 +60,85 @@ def test_a_car_command_backwards_has_both_wheels_backwards() -> None:
 # Turning round -----------------------------------------------------------------------------------
 
 
+def rolling(front_mps: float, rear_mps: float | None = None, applied_mps: float = 0.0) -> Rolling:
+    """Both axles alike, unless one is told apart."""
+    rear_mps = front_mps if rear_mps is None else rear_mps
+    return Rolling(front_mps=front_mps, rear_mps=rear_mps, applied_mps=applied_mps)
+
+
+STANDING = rolling(0.0)
+
+
+def backwards() -> TurningRound:
+    """Has turned round by 600 ms."""
+    turning = TurningRound()
+    assert turning.commanded_mps(0, -1.0, STANDING) == 0.0
+    assert turning.commanded_mps(600 * MS, -1.0, STANDING) == -1.0
+    return turning
+
+
 def test_forwards_and_standing_pass_at_once() -> None:
     turning = TurningRound()
     for wanted in (0.0, 3.0, 0.0):
-        assert turning.commanded_mps(0, wanted, 2.0) == wanted
+        assert turning.commanded_mps(0, wanted, rolling(2.0)) == wanted
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_other_direction_comes_after_300_ms_at_standstill(sign: float) -> None:
-    turning = TurningRound()
-    if sign < 0.0:  # backwards first
-        turning.commanded_mps(0, -1.0, 0.0)
-        assert turning.commanded_mps(300 * MS, -1.0, 0.0) == -1.0
+def test_the_other_direction_comes_after_600_ms_at_standstill(sign: float) -> None:
+    turning = TurningRound() if sign > 0.0 else backwards()
     began_ns = 1_000 * MS
     for n in range(50):
-        assert turning.commanded_mps(began_ns + n * 20 * MS, -sign, sign * 0.5) == 0.0
+        commanded = turning.commanded_mps(began_ns + n * 20 * MS, -sign, rolling(sign * 0.5))
+        assert commanded == 0.0
     stood_ns = began_ns + 1_000 * MS
-    assert turning.commanded_mps(stood_ns, -sign, sign * 0.09) == 0.0
-    assert turning.commanded_mps(stood_ns + 299 * MS, -sign, 0.0) == 0.0
-    assert turning.commanded_mps(stood_ns + 300 * MS, -sign, 0.0) == -sign
-    assert turning.commanded_mps(stood_ns + 320 * MS, -sign, -sign * 0.5) == -sign
+    assert turning.commanded_mps(stood_ns, -sign, rolling(sign * 0.09)) == 0.0
+    assert turning.commanded_mps(stood_ns + 599 * MS, -sign, STANDING) == 0.0
+    assert turning.commanded_mps(stood_ns + 600 * MS, -sign, STANDING) == -sign
+    moving = rolling(-sign * 0.5, applied_mps=-sign * 0.5)
+    assert turning.commanded_mps(stood_ns + 620 * MS, -sign, moving) == -sign
 
 
-def test_a_speed_that_is_not_known_is_no_standstill() -> None:
+@pytest.mark.parametrize("other_mps", [math.nan, 1.0])
+def test_an_axle_that_is_not_known_or_rolls_on_is_no_standstill(other_mps: float) -> None:
+    for now in (rolling(0.0, other_mps), rolling(other_mps, 0.0)):
+        turning = TurningRound()
+        turning.commanded_mps(0, -1.0, STANDING)
+        assert turning.commanded_mps(400 * MS, -1.0, now) == 0.0
+        assert turning.commanded_mps(800 * MS, -1.0, STANDING) == 0.0
+        assert turning.commanded_mps(1_400 * MS, -1.0, STANDING) == -1.0
+
+
+def test_a_car_that_was_told_to_go_has_not_stood() -> None:
+    turning = TurningRound()  # a hill start that has not moved the car yet
+    turning.commanded_mps(0, 0.0, STANDING)
+    assert turning.commanded_mps(1_000 * MS, 1.0, STANDING) == 1.0
+    assert turning.commanded_mps(1_020 * MS, -1.0, STANDING) == 0.0
+    assert turning.commanded_mps(1_620 * MS, -1.0, STANDING) == -1.0
+
+
+def test_a_car_that_was_told_to_stand_has_stood() -> None:
     turning = TurningRound()
-    turning.commanded_mps(0, -1.0, 0.0)
-    turning.commanded_mps(200 * MS, -1.0, math.nan)
-    assert turning.commanded_mps(400 * MS, -1.0, 0.0) == 0.0
+    turning.commanded_mps(0, 0.0, STANDING)
+    assert turning.commanded_mps(600 * MS, -1.0, STANDING) == -1.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_car_that_rolls_the_other_way_with_nothing_applied_is_held_first(sign: float) -> None:
+    turning = TurningRound() if sign > 0.0 else backwards()
+    began_ns = 1_000 * MS
+    driven = rolling(-sign * 0.5, applied_mps=sign * 0.1)
+    assert turning.commanded_mps(began_ns, sign, driven) == sign  # the drive is at it already
+    for away in (rolling(-sign * 0.1), rolling(-sign * 0.1, 0.0), rolling(math.nan, -sign * 0.1)):
+        assert turning.commanded_mps(began_ns, sign, away) == 0.0
+    assert turning.commanded_mps(began_ns, sign, STANDING) == 0.0
+    assert turning.commanded_mps(began_ns + 599 * MS, sign, STANDING) == 0.0
+    assert turning.commanded_mps(began_ns + 600 * MS, sign, STANDING) == sign
 
 
 def test_the_next_drive_begins_forwards() -> None:
-    turning = TurningRound()
-    turning.commanded_mps(0, -1.0, 0.0)
-    assert turning.commanded_mps(300 * MS, -1.0, 0.0) == -1.0
+    turning = backwards()
     turning.forget()
-    assert turning.commanded_mps(320 * MS, -1.0, 0.0) == 0.0
+    assert turning.commanded_mps(620 * MS, -1.0, STANDING) == 0.0
 
 
 # The brake ---------------------------------------------------------------------------------------

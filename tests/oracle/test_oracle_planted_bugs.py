@@ -308,7 +308,7 @@ def nobody_waits_for_standstill(patch: Patch) -> None:
         self.sign = -1.0 if target_mps < 0.0 else 1.0
 
     patch.setattr(Direction, "update", turn)
-    patch.setattr(TurningRound, "commanded_mps", lambda self, now_ns, wanted, measured: wanted)
+    patch.setattr(TurningRound, "commanded_mps", lambda self, now_ns, wanted, rolling: wanted)
 
 
 def nobody_knows_ages(patch: Patch) -> None:

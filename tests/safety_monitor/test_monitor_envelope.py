@@ -365,6 +365,28 @@ def test_no_setpoint_and_one_that_is_followed_are_no_wrong_way(applied_radps: fl
     assert bus.told_ever() == {PERMIT}
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_wrong_way_is_judged_by_the_command_when_nothing_is_applied(sign: float) -> None:
+    for command_radps, is_hazard in ((0.0, False), (sign, False), (NAN, False), (-sign, True)):
+        bus = MonitorBus().driving()
+        bus.forget()
+        bus.say_speed(sign * 0.5)
+        bus.say("THROTTLE_COMMAND", wheel_speed_radps=command_radps)  # the echo stays at 0
+        told = bus.run(140).told
+        assert (told == (BRAKE, MonitorReason.SPEED_DIVERGENCE, 0x183)) is is_hazard
+
+
+def test_wrong_way_needs_a_setpoint() -> None:
+    """A driver may go backwards, whichever sign a NaN has; NaN passes for no number."""
+    for nan in (NAN, -NAN):
+        bus = manual()
+        bus.say_speed(-1.0)
+        bus.say("THROTTLE_STATUS", applied_wheel_speed_radps=nan)
+        bus.forget()
+        bus.run(300)
+        assert bus.told_ever() == {PERMIT}
+
+
 def test_an_axle_that_stands_shows_no_wrong_way() -> None:
     bus = MonitorBus().driving()
     bus.forget()
