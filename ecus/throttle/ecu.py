@@ -40,7 +40,7 @@ TRAVEL_MARGIN: Final = 1.3
 """The servo is given this multiple of its travel time before it counts as dead."""
 
 REGEN_SPEED_MPS_MIN: Final = 0.3
-"""Regeneration ends here: it could not hold the car, only turn it back."""
+"""Regeneration ends here: what is left of it could not hold the car."""
 
 PEDAL_RATIO_MAX: Final = 1.2
 WHEEL_SPEED_RADPS_MAX: Final = 320.0
@@ -111,11 +111,11 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         if self._action is ThrottleAction.CUT:
             return self._geared(IDLE)
         if self._action is ThrottleAction.REGENERATE:
-            if not self._rolls_on(now_ns):
-                return self._geared(IDLE)
             if self._wheels is not None:
                 self._wheels.brake()
                 return IDLE
+            if not self._rolls(now_ns):
+                return self._geared(IDLE)
             regen_mps2 = self.params.regen_deceleration_mps2_full
             return self._geared(actuator_of(-regen_mps2, self.params))
         if before is ThrottleAction.IDLE:
@@ -220,17 +220,16 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         is_due = now_ns - self._safe_since_ns > travel_ns
         return not is_due or status.servo_position_ratio >= BRAKED_RATIO_MIN
 
-    def _rolls_on(self, now_ns: int) -> bool:
-        """In the drive's direction, by the faster axle: the encoder of one may be dead, or its
-        wheel locked."""
-        sign = self._direction.sign
-        if sign * self._speed_mps >= REGEN_SPEED_MPS_MIN:
-            return True
+    def _rolls(self, now_ns: int) -> bool:
+        """Either way, by either axle: the encoder of one may be dead, or its wheel locked.
+
+        Regeneration opposes the motor's rotation, whichever way the reverse contact points.
+        """
+        speeds_mps = [self._speed_mps]
         status = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
-        if status is None or not self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
-            return False
-        rear_mps = sign * status.rear_wheel_speed_radps * self.params.wheel_radius_m
-        return sign * self._speed_mps > -REGEN_SPEED_MPS_MIN and rear_mps >= REGEN_SPEED_MPS_MIN
+        if status is not None and self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
+            speeds_mps.append(status.rear_wheel_speed_radps * self.params.wheel_radius_m)
+        return any(abs(speed_mps) >= REGEN_SPEED_MPS_MIN for speed_mps in speeds_mps)
 
     def _status(self) -> ThrottleStatus:
         is_following = self._action in (ThrottleAction.FOLLOW, ThrottleAction.STOP)

@@ -62,6 +62,12 @@ class DriveUnit:
         self.acceptance = frozenset({NMT_ID, *heartbeats, *(base + node_id for base in bases)})
         self._now_ns = start_ns
 
+    @property
+    def is_holding(self) -> bool:
+        """Whether the drive has the motor, and its reference stands."""
+        drive = self.drive
+        return drive.state in HELD and drive.values[cia402.VELOCITY_DEMAND] == 0
+
     def run(self, span_ns: int) -> None:
         """Goes on for so long, whole ticks."""
         self._now_ns += span_ns
@@ -194,7 +200,8 @@ class DrivenTraction(Traction):
     """Both rear wheels on the road, each behind its motor's gear.
 
     A wheel drags the car by the slip of its rim, and the road drags the wheel. What the tyres
-    cannot transmit does not reach the car.
+    cannot transmit does not reach the car. A drive that is told to stand holds its wheel: that is
+    no drive torque, whichever way its loop overshoots.
     """
 
     def __init__(
@@ -241,7 +248,7 @@ class DrivenTraction(Traction):
             force_n += slip_nm * self._gear_per_m
             torque_nm = self._torque_constant * motor.current_a + pedal_nm
             self.torque_nm += torque_nm
-            if torque_nm * motor.speed_radps > 0.0:
+            if torque_nm * motor.speed_radps > 0.0 and not unit.is_holding:
                 self.drive_nm += abs(torque_nm)
         chassis.rear_drive_n = force_n
         return 0.0

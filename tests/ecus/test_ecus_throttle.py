@@ -136,6 +136,19 @@ def test_servo_that_moves_after_all_ends_the_regeneration() -> None:
     assert rig.output.actuator == IDLE
 
 
+@pytest.mark.parametrize(("front_mps", "rear_mps"), [(-0.5, -0.5), (-0.5, 0.0), (0.0, -0.5)])
+def test_a_car_that_stopped_uphill_without_a_servo_is_braked_when_it_rolls_back(
+    front_mps: float, rear_mps: float
+) -> None:
+    rig = moving(5.0)
+    rig.emergency().steps(60)
+    rig.speed_mps = rig.rear_wheel_speed_radps = 0.0
+    assert rig.steps(60) == IDLE
+    rig.speed_mps = front_mps
+    rig.rear_wheel_speed_radps = rear_mps / tabby().geometry.wheel_radius_m
+    assert rig.steps(60) == FULL_REGEN
+
+
 def test_missing_servo_is_replaced_by_regeneration_at_once() -> None:
     rig = moving(5.0)
     rig.servo = None
@@ -153,7 +166,9 @@ def test_servo_ecu_never_heard_counts_as_missing() -> None:
     assert rig.state is NodeState.EMERGENCY and rig.output.actuator == FULL_REGEN
 
 
-@pytest.mark.parametrize(("speed_mps", "regenerates"), [(0.32, True), (0.28, False), (-2.0, False)])
+@pytest.mark.parametrize(
+    ("speed_mps", "regenerates"), [(0.32, True), (0.28, False), (-0.28, False), (-0.32, True)]
+)
 def test_regeneration_ends_at_walking_pace(speed_mps: float, regenerates: bool) -> None:
     rig = moving(5.0)
     rig.servo = None
@@ -166,9 +181,9 @@ def test_regeneration_ends_at_walking_pace(speed_mps: float, regenerates: bool) 
 @pytest.mark.parametrize(
     ("speed_mps", "rear_mps", "regenerates"),
     [(0.0, 3.0, True), (0.28, 0.32, True), (0.0, 0.28, False), (0.0, math.nan, False),
-     (0.0, -3.0, False), (-2.0, 3.0, False)],
+     (0.0, -3.0, True), (-2.0, 3.0, True)],
 )
-def test_regeneration_goes_on_while_one_axle_rolls_forward(
+def test_regeneration_goes_on_while_one_axle_rolls(
     speed_mps: float, rear_mps: float, regenerates: bool
 ) -> None:
     rig = moving(5.0)

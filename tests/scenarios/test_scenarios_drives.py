@@ -164,8 +164,25 @@ def test_a_dead_servo_is_replaced_by_the_wheels_drives() -> None:
     drive.run(0.2)
     assert (before - drive.speed) / 0.2 > 2.0
     drive.run(1.5)
-    assert drive.train.left.drive.state not in HELD  # it could not hold the car
-    assert abs(drive.speed) < 0.3
+    stood_m = drive.car.truth.distance_m
+    drive.run(2.0)
+    assert drive.train.left.drive.state is PowerState.OPERATION_ENABLED
+    assert drive.car.truth.distance_m - stood_m < 0.001
+
+
+@pytest.mark.parametrize("slope_rad", [0.14, -0.14], ids=["up", "down"])
+def test_a_dead_servo_on_a_hill_is_held_by_the_drives(slope_rad: float) -> None:
+    drive = driving(1.0)
+    drive.car.faults.slope_rad = slope_rad
+    drive.car.faults.servo_dead = True
+    drive.request(Request.EMERGENCY_STOP, 0.4)
+    drive.run(1.5)
+    lowest_mps = highest_mps = drive.speed
+    for _ in range(100):
+        drive.run(TICK_S)
+        lowest_mps, highest_mps = min(lowest_mps, drive.speed), max(highest_mps, drive.speed)
+    assert -0.02 < lowest_mps <= highest_mps < 0.02
+    assert drive.is_in(Mode.EMERGENCY) and drive.brake < 0.1
 
 
 def way_braked(brake: Callable[[DriveCar], None]) -> float:

@@ -153,6 +153,18 @@ def test_a_dead_servo_is_replaced_though_the_drive_s_own_encoder_is_dead_too() -
     assert drive.car.truth.motor_torque_nm < -50.0  # the rear wheels' encoder says that it moves
 
 
+def test_a_car_without_a_servo_that_stops_uphill_rolls_back_at_walking_pace() -> None:
+    drive = Drive().go(2.0)
+    drive.car.faults.servo_dead = True
+    drive.car.faults.slope_rad = 0.12
+    drive.request(Request.EMERGENCY_STOP, 2.0)
+    fastest_mps = 0.0
+    for _ in range(200):
+        drive.run(0.02)
+        fastest_mps = max(fastest_mps, -drive.speed)
+    assert 0.3 < fastest_mps < 1.1
+
+
 def test_er5_a_silent_planner_is_noticed_at_its_age_limit() -> None:
     drive = Drive().go(5.0)
     decided_ns = drive.world.now_ns - 20_000_000  # the last decision of `run`

@@ -155,6 +155,16 @@ def test_a_throttle_ecu_that_dies_backwards_opens_the_contact_without_torque() -
 
 
 @NAMES
+def test_a_throttle_ecu_that_restarts_backwards_replaces_a_dead_servo(name: str) -> None:
+    drive = reversing(name)
+    drive.car.faults.servo_dead = True
+    drive.world.stations["Throttle"].restart()
+    drive.run(1.2)
+    assert drive.is_in(Mode.EMERGENCY) and drive.brake < 0.05
+    assert drive.speed > -0.4
+
+
+@NAMES
 @pytest.mark.parametrize("slope_rad", [0.14, -0.14], ids=["up", "down"])
 def test_backwards_a_car_sets_off_from_a_hill_without_rolling_away(
     name: str, slope_rad: float
