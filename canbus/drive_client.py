@@ -29,6 +29,9 @@ HEARTBEAT_LOST_MS: Final = 150
 RESET_NS: Final = 100_000_000
 """Time that a drive is given to leave FAULT after a reset."""
 
+FORGOTTEN_NS: Final = 200_000_000
+"""A released drive that shows another mode for so long is not set up: its boot-up was lost."""
+
 _CONSUMER_HEARTBEAT: Final = 0x101601
 _COMMAND_PDO_ID: Final = {
     OperationMode.PROFILE_POSITION: cia402.TARGET_POSITION_ID,
@@ -149,7 +152,10 @@ class DriveClient:
         self._requests: list[Frame] = []
         self._is_asked = False
         self._is_configured = False
+        self._has_run = False
+        self._wish = DriveWish.RELEASE
         self._mode_shown = OperationMode.NONE.value
+        self._known_ns = 0
         self._position_ns = self._velocity_ns = _NEVER_NS
         self._reset_until_ns = _NEVER_NS
         self._resets = False
@@ -208,6 +214,7 @@ class DriveClient:
             wish: FOLLOW becomes STOP while the drive is not ready.
             target: encoder units or rpm; of no effect unless the drive follows.
         """
+        self._wish = wish
         frames, self._requests = self._requests, []
         if self._position_ns != _NEVER_NS:  # NMT started it: it hears PDO
             frames += self._command(wish, target)
@@ -222,6 +229,7 @@ class DriveClient:
             elif base == cia402.POSITION_ID:
                 word, self.position, self._mode_shown = _POSITION.unpack(data)
                 self.state, self._position_ns = state_of(word), item.arrival_ns
+                self._has_run = True
             elif base == cia402.VELOCITY_ID:
                 word, self.velocity_rpm, _ = _VELOCITY.unpack(data)
                 self.state, self._velocity_ns = state_of(word), item.arrival_ns
@@ -237,11 +245,12 @@ class DriveClient:
 
     def _take_heartbeat(self, frame: Frame) -> None:
         state = cia301.heartbeat_state(frame)
-        if state is NmtState.INITIALISING:  # it has forgotten everything
+        is_back = state is NmtState.PRE_OPERATIONAL and self._has_run  # its boot-up was lost
+        if state is NmtState.INITIALISING or is_back:  # it has forgotten everything
             if self._is_configured:
                 self._note(DriveTrouble.RESTARTED)
-            self._is_asked = self._is_configured = False
-        elif state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL) and not self._is_asked:
+            self._is_asked = self._is_configured = self._has_run = False
+        if state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL) and not self._is_asked:
             self._is_asked = True
             for setting in self._settings:
                 index, subindex = setting.key >> 8, setting.key & 0xFF
@@ -265,6 +274,12 @@ class DriveClient:
         for heard_ns in (self._position_ns, self._velocity_ns):
             if heard_ns != _NEVER_NS and now_ns - heard_ns > SILENCE_NS:
                 self._note(DriveTrouble.SILENT)
+
+        is_strange = self._mode_shown != self.mode and now_ns - self._position_ns <= SILENCE_NS
+        if not (is_strange and self._is_configured and self._wish is DriveWish.RELEASE):
+            self._known_ns = now_ns
+        elif now_ns - self._known_ns > FORGOTTEN_NS:
+            self._is_asked = self._is_configured = False
 
     def _note(self, trouble: DriveTrouble) -> None:
         self.trouble = self.trouble or trouble

@@ -7,6 +7,7 @@ drive that was not told anything in a step is released. Its trouble is one of th
 | trouble | code | reason |
 |---|---|---|
 | the drive is in FAULT or sent an EMCY; it refused a setting | the ECU's own | MOTOR_FAULT |
+| told to follow, it is not switched on within 200 ms | the ECU's own | MOTOR_FAULT |
 | silent for 60 ms; restarted; not ready: for 1 s, or while driving | ER2 | NODE_SILENT |
 | somebody else sends this ECU's commands to it | ER1 | FOREIGN_SENDER |
 
@@ -40,6 +41,9 @@ START_NS: Final = 1_000_000_000
 
 RETRY_NS: Final = 1_000_000_000
 """A released drive in trouble is reset this often."""
+
+SWITCH_ON_NS: Final = 200_000_000
+"""A drive switches on within 60 ms; one that never does gives no torque (its STO input is open)."""
 
 CALM_NS: Final = 200_000_000
 """A trouble is over when none was seen for so long: a reset hides one for a shorter time."""
@@ -88,7 +92,8 @@ class DriveOutput:
         self._fault_code = fault_code
         self._wish = DriveWish.RELEASE
         self._target = 0
-        self._was_released = True
+        self._told = DriveWish.RELEASE
+        self._obeyed_ns = 0
         self._due_ns: int | None = None
         self._trouble_ns = 0
         self._retry_ns = 0
@@ -115,14 +120,19 @@ class DriveOutput:
         """
         client = self.client
         client.hear(now_ns, received)
-        if self._due_ns is None or client.is_ready:
+        if self._due_ns is None or (client.is_ready and self.is_placed):
             self._due_ns = now_ns + START_NS
         is_late = now_ns > self._due_ns or (is_needed and not client.is_ready)
-        if client.trouble is not None or is_late:
-            self.trouble, self._trouble_ns = client.trouble or DriveTrouble.SILENT, now_ns
+        if self._told is not DriveWish.FOLLOW or client.is_following or not client.is_ready:
+            self._obeyed_ns = now_ns
+        is_off = now_ns - self._obeyed_ns > SWITCH_ON_NS
+        if client.trouble is not None or is_late or is_off:
+            own_trouble = DriveTrouble.FAULT if is_off else DriveTrouble.SILENT
+            self.trouble, self._trouble_ns = client.trouble or own_trouble, now_ns
         elif client.is_ready and now_ns - self._trouble_ns > CALM_NS:
             self.trouble = None
-        if client.trouble is not None and self._was_released and now_ns >= self._retry_ns:
+        is_released = self._told is DriveWish.RELEASE
+        if client.trouble is not None and is_released and now_ns >= self._retry_ns:
             self._retry_ns = now_ns + RETRY_NS
             client.reset(now_ns)
         return self._causes(now_ns, received)
@@ -149,6 +159,5 @@ class DriveOutput:
 
     def frames(self) -> list[Frame]:
         """What is to be sent in this step; without a word before, the motor is let go."""
-        wish, self._wish = self._wish, DriveWish.RELEASE
-        self._was_released = wish is DriveWish.RELEASE
-        return self.client.command(wish, self._target)
+        self._told, self._wish = self._wish, DriveWish.RELEASE
+        return self.client.command(self._told, self._target)

@@ -26,12 +26,17 @@ ZERO_SHARE: Final = 0.1
 """What each reading counts for in the zero: a tenth of a second's mean at 10 ms."""
 
 
+COUNTS_MAX: Final = (1 << 31) - 1
+"""Of a target: a drive that counts so far that the wheel's way would leave them is not used."""
+
+
 class SteeringDrive(DriveOutput):
     """The drive of the steering motor."""
 
     def __init__(self, vehicle: Vehicle, drives: Drives) -> None:
         self._counts_per_rad = drives.encoder_counts_per_rev * drives.steering_gear_ratio / math.tau
         self._zero: float | None = None
+        self._reach = 2.0 * vehicle.steering.sensor_angle_rad_max * self._counts_per_rad
         super().__init__(
             drives.steering_node_id,
             NODE_IDS["Steering"],
@@ -49,11 +54,11 @@ class SteeringDrive(DriveOutput):
             self._zero = zero if self._zero is None else (
                 self._zero + ZERO_SHARE * (zero - self._zero)
             )
-        self.is_placed = self._zero is not None
+        self.is_placed = self._zero is not None and abs(self._zero) + self._reach <= COUNTS_MAX
 
     def turn_to(self, angle_rad: float) -> None:
         """Follows an angle of the steering wheel; one whose zero is not known stops."""
-        if self._zero is None:
+        if self._zero is None or not self.is_placed:
             self.stop()
         else:
             self.follow(round(self._zero + angle_rad * self._counts_per_rad))

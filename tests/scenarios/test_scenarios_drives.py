@@ -288,6 +288,29 @@ def test_no_trouble_of_a_drive_breaks_a_property(cause: str) -> None:
     assert report.violations == () and drive.is_in(Mode.EMERGENCY)
 
 
+@pytest.mark.parametrize(
+    ("name", "code"), [("steering", ErrorCode.ER4), ("left", ErrorCode.ER1)]
+)
+def test_a_drive_that_does_not_switch_on_is_a_motor_fault(
+    name: str, code: ErrorCode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = standing()
+    drive.press_button()
+    torque_off = getattr(drive.train, name).drive  # its STO input is open
+    monkeypatch.setattr(torque_off, "_change", lambda event: None)
+    drive.speed_mps = 1.0
+    drive.engage(0.2)
+    assert drive.is_in(Mode.AUTOMATIC) and not drive.emergencies
+    drive.run(0.6)
+    assert drive.is_in(Mode.EMERGENCY)
+    assert drive.first_emergency() == (code, Reason.MOTOR_FAULT)
+    drive.run(0.5)
+    monkeypatch.undo()
+    drive.run(1.5)
+    drive.request(Request.RESET)
+    assert drive.is_in(Mode.MANUAL) and not drive.codes
+
+
 def test_er4_lets_the_steering_coast_even_where_the_drive_would_hold() -> None:
     drive = driving(2.0, 0.3)
     drive.train.steering.drive.fail(DriveFault.FOLLOWING_ERROR)

@@ -254,6 +254,25 @@ def test_a_drive_that_restarts_is_trouble_and_is_set_up_anew() -> None:
     assert axis.client.velocity_rpm == pytest.approx(800, abs=10)
 
 
+@pytest.mark.parametrize("is_started_at_once", [True, False])
+def test_a_drive_whose_boot_up_was_lost_is_set_up_again(is_started_at_once: bool) -> None:
+    axis = Axis(VELOCITY)
+    axis.begin()
+    axis.is_cut = True
+    axis.send(nmt_frame(NmtCommand.RESET_NODE, NODE_ID))
+    axis.live(10)
+    axis.is_cut = False
+    if not is_started_at_once:
+        axis.live(150)
+        assert axis.read(0x101601, 4) == MASTER_ID << 16 | 150
+    axis.send(nmt_frame(NmtCommand.START, 0))
+    axis.live(500)
+    axis.client.reset(axis.now_ns)
+    axis.live(10)
+    assert axis.client.is_ready
+    assert axis.read(0x101601, 4) == MASTER_ID << 16 | 150
+
+
 def test_a_setting_that_the_drive_refuses_keeps_it_out_of_use() -> None:
     axis = Axis(VELOCITY, Setting(key=cia402.PROFILE_ACCELERATION, value=0, byte_count=4))
     axis.live(120)
