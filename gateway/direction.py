@@ -8,8 +8,8 @@ from typing import Final
 
 STANDING_MPS_MAX: Final = 0.1
 STANDING_NS: Final = 600_000_000
-"""Twice what the throttle ECU's interlock, which does not trust this one, and the brake ECU's
-judgement of a hill take: both have seen the car stand when it is told to turn round."""
+"""Longer by 0.2 s than the throttle ECU's interlock, which does not trust this one, and the brake
+ECU's judgement of a hill: both have seen the car stand when it is told to turn round."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

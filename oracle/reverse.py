@@ -14,8 +14,9 @@ STANDING_MPS: Final = 0.15
 """True speed of a car whose wheels read as standing (0.1 m/s), and their sensors' lag."""
 SILENT_NS: Final = 40 * NS_PER_MS
 """The hardware's watchdog opens the contact of a throttle ECU that is silent for 50 ms."""
-DRIVEN_NM: Final = 1.0
-"""The traction controller's torque is gone when the contact switches."""
+DRIVEN_RATIO: Final = 0.0075
+"""The traction controller's torque is gone when the contact switches; of the motor's full torque
+(1 N.m of TABBY EVO's)."""
 
 
 class TurnsRoundStanding(Property):
@@ -29,6 +30,7 @@ class TurnsRoundStanding(Property):
     def __init__(self, scene: Scene, settings: Settings, complain: Complain) -> None:
         super().__init__(scene, settings, complain)
         self._was_reverse: bool | None = None
+        self._driven_nm = DRIVEN_RATIO * settings.motor_torque_nm_full
         self._throttle = scene.channels["THROTTLE_STATUS"]
 
     def on_sample(self, now_ns: int, sample: Sample) -> None:
@@ -39,7 +41,7 @@ class TurnsRoundStanding(Property):
             return
         if now_ns - self._throttle.heard_ns > SILENT_NS:
             return
-        is_pushed = abs(sample.drive_torque_nm) > DRIVEN_NM
+        is_pushed = abs(sample.drive_torque_nm) > self._driven_nm
         if abs(sample.speed_mps) > STANDING_MPS or is_pushed:
             self.violated(
                 now_ns,

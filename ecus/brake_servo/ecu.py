@@ -134,6 +134,8 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
     def _act(self, now_ns: int) -> BrakeActuator | None:
         situation = Situation.RESTING if self.rest.is_resting else self._driving_situation()
         self._action = ACTION[self.state][situation]
+        if self._action is not BrakeAction.FOLLOW:
+            self._hill.forget()
         if self._action in NOT_DRIVEN:
             self._applied_ratio = 0.0
             return RELEASED if self._action is BrakeAction.RELEASE else None
@@ -143,8 +145,6 @@ class BrakeServoEcu(ActuatorEcu[BrakeSensors, BrakeActuator | None]):
         wanted = self._wanted_ratio(now_ns)
         if self._action is BrakeAction.FOLLOW:
             wanted = self._hill.update(now_ns, wanted, self._applied_ratio)
-        else:
-            self._hill.forget()
         if self._action is BrakeAction.FULL:
             self._applied_ratio = wanted  # as fast as the servo can
         else:

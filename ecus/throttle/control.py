@@ -51,8 +51,12 @@ class SpeedLoop:
         """Pushes against the brake; `hill_mps2` is what the hill takes if the car moves now, and
         the loop goes on from there."""
         self.reference_mps = self._expected_mps = 0.0
-        self._integral_mps2 = clamp(hill_mps2, -INTEGRAL_MPS2_MAX, INTEGRAL_MPS2_MAX)
+        self.set_off(hill_mps2)
         return actuator_of(acceleration_mps2, params)
+
+    def set_off(self, hill_mps2: float) -> None:
+        """The car moves, and the hill takes this."""
+        self._integral_mps2 = clamp(hill_mps2, -INTEGRAL_MPS2_MAX, INTEGRAL_MPS2_MAX)
 
     def update(
         self,

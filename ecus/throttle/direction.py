@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-STANDING_NS: Final = 300_000_000
+STANDING_NS: Final = 400_000_000
 """Both axles stand and nothing is asked of the motor for so long: no torque is left in the drive
-either (dead time and lag are a third of this)."""
+either, not even of a hill start's push (dead time and lag are a quarter of this)."""
 
 
 class Direction:

@@ -42,6 +42,9 @@ TRAVEL_MARGIN: Final = 1.3
 REGEN_SPEED_MPS_MIN: Final = 0.3
 """Regeneration ends here: what is left of it could not hold the car."""
 
+FOLLOWING: Final = frozenset({ThrottleAction.FOLLOW, ThrottleAction.STOP})
+"""The speed loop drives."""
+
 PEDAL_RATIO_MAX: Final = 1.2
 WHEEL_SPEED_RADPS_MAX: Final = 320.0
 PERIOD_S: Final = PERIOD_NS * 1e-9
@@ -63,6 +66,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         )
         self.loop = SpeedLoop()
         self._hill = HillStart()
+        self._is_asked = False
         self._direction = Direction()
         self._encoder = EncoderSpeed(self.params.encoder_pulses_per_rev)
         self._wheel_speed_radps = 0.0
@@ -105,6 +109,8 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
     def _act(self, now_ns: int) -> ThrottleActuator:
         before = self._action
         self._action = ACTION[self.state][self._situation(now_ns)]
+        if self._action not in FOLLOWING:
+            self._hill.forget()
         if self._action is ThrottleAction.IDLE:
             self._direction.release()
             return IDLE
@@ -120,6 +126,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             return self._geared(actuator_of(-regen_mps2, self.params))
         if before is ThrottleAction.IDLE:
             self.loop.start(self._speed_mps)
+            self._is_asked = False
         brake = None
         if self.endpoint.is_fresh("BRAKE_STATUS", now_ns):
             brake = self.endpoint.get("BRAKE_STATUS", BrakeStatus)
@@ -132,6 +139,10 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         self._direction.update(now_ns, target_mps, is_standing=self._is_standing(brake))
         sign = self._direction.sign
         along_mps, speed_mps = max(sign * target_mps, 0.0), sign * self._speed_mps
+        brake_mps2 = 0.0
+        if brake is not None:
+            brake_mps2 = brake.servo_position_ratio * self.params.brake_mps2_full
+        before = self._hill.phase
         phase = self._hill.update(
             now_ns,
             PERIOD_S,
@@ -141,24 +152,24 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
             and brake.applied_position_ratio > BRAKING_RATIO_MIN,
             speed_mps=speed_mps,
             hold_mps2=self.params.hold_mps2,
+            brake_mps2=brake_mps2,
         )
-        brake_mps2 = 0.0
         if phase is not HillPhase.NONE:
-            assert brake is not None
-            brake_mps2 = brake.servo_position_ratio * self.params.brake_mps2_full
             is_servo_braking = False
         if phase is HillPhase.PUSH:
-            hill_mps2 = self._hill.felt_mps2 - brake_mps2
-            actuator = self.loop.push(self._hill.push_mps2, hill_mps2, self.params)
+            actuator = self.loop.push(self._hill.push_mps2, self._hill.hill_mps2, self.params)
         else:
+            if phase is HillPhase.MOVE and before is HillPhase.PUSH:
+                self.loop.set_off(self._hill.hill_mps2 - self.params.rolling_resistance_mps2)
             actuator = self.loop.update(
                 along_mps,
                 speed_mps,
                 PERIOD_S,
                 self.params,
                 is_servo_braking=is_servo_braking,
-                brake_mps2=brake_mps2,
+                brake_mps2=0.0 if phase is HillPhase.NONE else brake_mps2,
             )
+        self._is_asked = actuator != IDLE
         if self._wheels is None:
             return self._geared(actuator)
         if not is_servo_braking:  # else no torque against the pads
@@ -177,7 +188,8 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
 
     def _is_standing(self, brake: BrakeStatus | None) -> bool:
         """Both axles stand, and nothing is asked of the motor; what is not known moves."""
-        if brake is None or self.loop.reference_mps != 0.0:
+        is_asked = self._is_asked or self._hill.phase is not HillPhase.NONE
+        if brake is None or is_asked or self.loop.reference_mps != 0.0:
             return False
         rear_mps = brake.rear_wheel_speed_radps * self.params.wheel_radius_m
         return abs(self._speed_mps) < STANDSTILL_MPS and abs(rear_mps) < STANDSTILL_MPS
@@ -232,7 +244,7 @@ class ThrottleEcu(ActuatorEcu[ThrottleSensors, ThrottleActuator]):
         return any(abs(speed_mps) >= REGEN_SPEED_MPS_MIN for speed_mps in speeds_mps)
 
     def _status(self) -> ThrottleStatus:
-        is_following = self._action in (ThrottleAction.FOLLOW, ThrottleAction.STOP)
+        is_following = self._action in FOLLOWING
         reference_mps = self._direction.sign * self.loop.reference_mps
         reference_radps = reference_mps / self.params.wheel_radius_m
         return ThrottleStatus(

@@ -7,6 +7,7 @@ then tells the slope to the speed loop.
 
 from __future__ import annotations
 
+import math
 from enum import Enum, auto
 from typing import Final
 
@@ -36,20 +37,32 @@ class HillStart:
     """One object, changed by `update` alone.
 
     Attributes:
+        phase: How far it has come.
         push_mps2: What to push with while the car stands.
-        felt_mps2: What of it the car feels by now.
+        hill_mps2: What the hill and the car's resistance take, if it moves now.
     """
 
-    __slots__ = ("_since_ns", "felt_mps2", "phase", "push_mps2")
+    __slots__ = ("_felt_mps2", "_since_ns", "hill_mps2", "phase", "push_mps2")
 
     def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """There is none; the next begins anew."""
         self.phase = HillPhase.NONE
-        self.push_mps2 = 0.0
-        self.felt_mps2 = 0.0
+        self.push_mps2 = self.hill_mps2 = 0.0
+        self._felt_mps2 = 0.0
         self._since_ns: int | None = None
 
     def update(
-        self, now_ns: int, dt_s: float, *, is_held: bool, speed_mps: float, hold_mps2: float
+        self,
+        now_ns: int,
+        dt_s: float,
+        *,
+        is_held: bool,
+        speed_mps: float,
+        hold_mps2: float,
+        brake_mps2: float,
     ) -> HillPhase:
         """The phase after this step.
 
@@ -59,18 +72,26 @@ class HillStart:
             is_held: The car is told to go, and the brake ECU holds it.
             speed_mps: Towards where it is told to go.
             hold_mps2: What the brake holds the car with.
+            brake_mps2: What it takes now; NaN ends the start.
         """
-        if not is_held:
-            self._since_ns, self.phase = None, HillPhase.NONE
-            self.push_mps2 = self.felt_mps2 = 0.0
+        if not is_held or math.isnan(brake_mps2):
+            self.forget()
             return self.phase
         if self._since_ns is None:
             if abs(speed_mps) >= STANDSTILL_MPS:
                 return self.phase  # braked on the way, not held
             self._since_ns = now_ns
-        if self.phase is not HillPhase.MOVE and now_ns - self._since_ns >= NOTICE_NS:
-            has_moved = speed_mps >= STANDSTILL_MPS
-            self.phase = HillPhase.MOVE if has_moved else HillPhase.PUSH
-            self.felt_mps2 += dt_s / (dt_s + LAG_S) * (self.push_mps2 - self.felt_mps2)
-            self.push_mps2 = min(self.push_mps2 + hold_mps2 / BUILD_S * dt_s, hold_mps2)
+        if self.phase is HillPhase.MOVE or now_ns - self._since_ns < NOTICE_NS:
+            return self.phase
+        # What beats brake and hill has grown from nothing while it made the car this fast: it is no
+        # part of the hill.
+        surplus_mps2 = math.sqrt(2.0 * hold_mps2 / BUILD_S * max(speed_mps, 0.0))
+        if speed_mps >= STANDSTILL_MPS:
+            self.phase = HillPhase.MOVE
+            self.hill_mps2 = self._felt_mps2 - brake_mps2 - surplus_mps2
+            return self.phase
+        self.phase = HillPhase.PUSH
+        self._felt_mps2 += dt_s / (dt_s + LAG_S) * (self.push_mps2 - self._felt_mps2)
+        self.hill_mps2 = self._felt_mps2 - brake_mps2 - surplus_mps2
+        self.push_mps2 = min(self.push_mps2 + hold_mps2 / BUILD_S * dt_s, hold_mps2)
         return self.phase

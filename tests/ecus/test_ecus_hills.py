@@ -7,10 +7,12 @@ from itertools import pairwise
 
 import pytest
 
+from dbc.messages import Mode
 from ecus.brake_servo.control import EASE_NS, HOLD_NS, SLOPE_RAD_MIN
-from ecus.throttle.hill_start import BUILD_S, NOTICE_NS
+from ecus.throttle.direction import STANDING_NS
+from ecus.throttle.hill_start import BUILD_S, NOTICE_NS, HillPhase
 from ecus.throttle.ports import IDLE, dac_code
-from tests.ecus.ecus_fakes import MS, Rig, tabby
+from tests.ecus.ecus_fakes import MS, Rig, changed, tabby
 
 BRAKE = tabby().brake
 HOLD = BRAKE.hold_ratio
@@ -160,3 +162,49 @@ def test_without_news_of_the_brake_the_push_ends() -> None:
     assert pushes(rig, 60)[-1] > ZERO
     rig.servo = None
     assert rig.steps(8).throttle_dac_code == ZERO
+
+
+def test_an_unreadable_servo_ends_a_hill_start() -> None:
+    for speed_mps in (0.0, 0.3):  # it pushes, and it moves
+        rig = braked()
+        assert pushes(rig, 60)[-1] > ZERO
+        rig.speed_mps = speed_mps
+        rig.steps(5)
+        rig.servo = math.nan
+        assert rig.steps(3).throttle_dac_code == ZERO
+
+
+@pytest.mark.parametrize("end", ["driver", "emergency"])
+def test_the_next_hill_start_begins_without_torque(end: str) -> None:
+    rig = braked()
+    assert pushes(rig, 60)[-1] > ZERO
+    if end == "driver":
+        rig.mode, rig.is_authorised = Mode.MANUAL, False
+    else:
+        rig.emergency()
+    rig.steps(3)
+    assert rig.node._hill.phase is HillPhase.NONE and rig.node._hill.push_mps2 == 0.0
+
+
+def test_the_contact_waits_for_the_end_of_a_push() -> None:
+    rig = Rig("Throttle", changed(tabby(), traction={"reverse_speed_mps_max": 1.5}))
+    rig.servo = rig.servo_applied = HOLD
+    rig.drive(0.0)
+    rig.steps(30)
+    assert pushes(rig, 100)[-1] > ZERO  # longer than the interlock
+    rig.setpoint = -TARGET_RADPS
+    rig.steps(5)  # bus and setpoint have come
+    selected = []
+    for _ in range(STANDING_NS // (10 * MS) + 10):
+        actuator = rig.step()
+        selected.append(actuator.reverse_selected)
+        assert selected[-1] or actuator.throttle_dac_code == ZERO
+    assert not any(selected[: STANDING_NS // (10 * MS) - 6]) and selected[-1]
+
+
+def test_a_hold_that_a_driver_ended_is_not_eased_in_the_next_drive() -> None:
+    rig = holding(0.14)
+    released(rig, HOLD_STEPS + 5)
+    rig.mode, rig.is_authorised = Mode.MANUAL, False
+    rig.steps(3)
+    assert rig.node._hill._since_ns is None

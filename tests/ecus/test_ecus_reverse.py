@@ -42,7 +42,7 @@ def echo_mps(rig: Rig) -> float:
     return value
 
 
-def test_the_drive_turns_round_when_the_car_has_stood_for_300_ms_and_not_before() -> None:
+def test_the_drive_turns_round_when_the_car_has_stood_for_400_ms_and_not_before() -> None:
     rig = moving(0.0, 0.0)
     rig.steps(1)
     rig = moving(0.0, -1.0)  # stood before, but not as ACTIVE

@@ -11,6 +11,10 @@ import math
 import pytest
 
 from dbc.messages import Mode, Request
+from ecus.brake_servo.control import HillHold
+from gateway.direction import Rolling, TurningRound
+from oracle.judge import Oracle
+from simulation.observer import Observer
 from tests.scenarios.driving import Drive
 from vehicles import known_vehicles, load_vehicle
 
@@ -22,6 +26,8 @@ SPEED_MPS = 1.0
 ABOVE_MPS_MAX = 0.75
 """Downhill the setpoint is exceeded: regeneration fades at walking pace, and half a metre a
 second is left to it before the servo helps (`gateway/brake.py`)."""
+FASTER_MPS_MAX = 0.3
+"""The torque that beat the brake fades within the drive's dead time and lag."""
 
 
 def held(name: str, slope_rad: float) -> Drive:
@@ -115,3 +121,63 @@ def test_no_torque_is_kept_when_an_emergency_comes_during_a_hill_start() -> None
     assert abs(drive.car.truth.motor_torque_nm) < 1.0 and drive.brake > 0.9
     drive.run(2.0)
     assert abs(way_m(drive) - began_m) < 0.05 and drive.speed == 0.0
+
+
+@NAMES
+def test_a_broken_inclinometer_on_the_level_does_not_make_the_car_faster_than_told(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The brake is held against no hill: what makes the car faster is not taken for one."""
+    sense = HillHold.sense
+
+    def broken(self: HillHold, now_ns: int, dt_s: float, speed_mps: float, _: float) -> None:
+        sense(self, now_ns, dt_s, speed_mps, math.nan)
+
+    monkeypatch.setattr(HillHold, "sense", broken)
+    drive = held(name, 0.0)
+    drive.speed_mps = 0.3
+    fastest_mps = 0.0
+    for _ in range(200):
+        drive.run(0.02)
+        fastest_mps = max(fastest_mps, drive.speed)
+    assert drive.is_in(Mode.AUTOMATIC), drive.log()
+    assert fastest_mps < 0.3 + FASTER_MPS_MAX
+    assert drive.speed == pytest.approx(0.3, abs=0.1)
+
+
+@NAMES
+@pytest.mark.parametrize("wait_s", [0.5, 0.9])
+@SLOPES
+@pytest.mark.parametrize("does_gateway_wait", [True, False])
+def test_a_planner_that_turns_round_during_a_hill_start_waits_for_no_torque(
+    name: str,
+    slope_rad: float,
+    wait_s: float,
+    does_gateway_wait: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_wait(self: TurningRound, now_ns: int, wanted_mps: float, rolling: Rolling) -> float:
+        return wanted_mps
+
+    if not does_gateway_wait:
+        monkeypatch.setattr(TurningRound, "commanded_mps", no_wait)
+    drive = Drive(vehicle=load_vehicle(name))
+    oracle = Oracle(drive.world.vehicle)
+    Observer(drive.world, oracle)
+    drive.start()
+    drive.press_button()
+    drive.engage()
+    drive.run(1.0)
+    drive.car.faults.slope_rad = slope_rad
+    drive.run(1.0)
+    drive.speed_mps = SPEED_MPS
+    drive.run(wait_s)
+    drive.speed_mps = -0.9
+    drive.run(6.0)
+    report = oracle.finish(drive.world.now_ns)
+    named = {violation.property for violation in report.violations}
+    assert "the drive turns round at standstill" not in named, str(report)
+    if does_gateway_wait:  # else the car rolls, and the safety monitor may find it
+        assert not named, str(report)
+        assert drive.is_in(Mode.AUTOMATIC), drive.log()
+        assert drive.speed < -0.4
