@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -40,17 +41,16 @@ class Page:
     def __init__(self, arguments: list[str], output: Path) -> None:
         self._command = [sys.executable, "-m", "dbw", *arguments]
         self._output = output
-        self._loop = asyncio.new_event_loop()
         self.shown: dict[str, Any] = {}
         self.log: list[str] = []
         self.refused = ""
 
     def __enter__(self) -> Self:
-        with self._output.open("wb") as sink:
-            self._process = subprocess.Popen(
-                self._command, stdout=subprocess.PIPE, stderr=sink, text=True
-            )
-        try:
+        with ExitStack() as opened:
+            self._loop = asyncio.new_event_loop()
+            opened.callback(self._loop.close)
+            self._process = opened.enter_context(self._start())
+            opened.callback(self._end)
             assert self._process.stdout is not None
             found = None
             while found is None:
@@ -59,21 +59,26 @@ class Page:
                 found = START.search(line)
             host, token = found.groups()
             self._socket = self._loop.run_until_complete(_open(host))
+            opened.callback(self._socket.close)
             self.say("show_token", token=token)
-        except BaseException:
-            self._process.kill()
-            self._process.wait()
-            raise
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._socket.close()
+        self._opened.close()
+        assert self._process.returncode == 0, self._output.read_text()
+
+    def _start(self) -> subprocess.Popen[str]:
+        with self._output.open("wb") as sink:
+            return subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=sink, text=True)
+
+    def _end(self) -> None:
         self._process.send_signal(signal.SIGINT)  # which one that has ended does not get
-        code = self._process.wait(END_S_MAX)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        self._loop.close()
-        assert code == 0, self._output.read_text()
+        try:
+            self._process.wait(END_S_MAX)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            raise
 
     def wait(self) -> None:
         """Until it ends by itself; reads all it says meanwhile."""
