@@ -29,6 +29,9 @@ HEARTBEAT_LOST_MS: Final = 150
 RESET_NS: Final = 100_000_000
 """Time that a drive is given to leave FAULT after a reset."""
 
+QUIET_NS: Final = 30_000_000
+"""A drive without PDO for so long is not OPERATIONAL: it sends them at least every 20 ms."""
+
 FORGOTTEN_NS: Final = 200_000_000
 """A released drive that shows another mode for so long is not set up: its boot-up was lost."""
 
@@ -237,15 +240,17 @@ class DriveClient:
                 (code,) = _EMERGENCY.unpack(data)
                 self.error_code = code or self.error_code
             elif base == cia301.HEARTBEAT_ID:
-                self._take_heartbeat(frame)
+                self._take_heartbeat(item)
             else:
                 answers.append(frame)
         except struct.error:
             self.bad_frames += 1
 
-    def _take_heartbeat(self, frame: Frame) -> None:
-        state = cia301.heartbeat_state(frame)
-        is_back = state is NmtState.PRE_OPERATIONAL and self._has_run  # its boot-up was lost
+    def _take_heartbeat(self, item: ReceivedFrame) -> None:
+        state = cia301.heartbeat_state(item.frame)
+        # Its boot-up was lost; one from before its start may come behind its first PDO.
+        is_quiet = item.arrival_ns - self._position_ns > QUIET_NS
+        is_back = state is NmtState.PRE_OPERATIONAL and self._has_run and is_quiet
         if state is NmtState.INITIALISING or is_back:  # it has forgotten everything
             if self._is_configured:
                 self._note(DriveTrouble.RESTARTED)

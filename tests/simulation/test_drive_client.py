@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canbus import cia402
-from canbus.canopen_protocol import NmtCommand, nmt_frame
+from canbus.canopen_protocol import HEARTBEAT_ID, NmtCommand, NmtState, nmt_frame
 from canbus.cia402 import OperationMode
 from canbus.cia402_power import STATE_AFTER, PowerState, command_of
 from canbus.drive_client import (
     CONTROLWORD,
+    QUIET_NS,
     RESET_NS,
     SILENCE_NS,
     DriveClient,
@@ -271,6 +272,15 @@ def test_a_drive_whose_boot_up_was_lost_is_set_up_again(is_started_at_once: bool
     axis.live(10)
     assert axis.client.is_ready
     assert axis.read(0x101601, 4) == MASTER_ID << 16 | 150
+
+
+def test_a_heartbeat_that_comes_behind_the_first_pdo_is_no_restart() -> None:
+    axis = turning()
+    before_start = Frame(HEARTBEAT_ID + NODE_ID, bytes([NmtState.PRE_OPERATIONAL]))
+    axis.client.hear(axis.now_ns, [ReceivedFrame(axis.now_ns, before_start)])
+    assert axis.client.trouble is None and axis.client.is_ready
+    axis.client.hear(axis.now_ns, [ReceivedFrame(axis.now_ns + QUIET_NS, before_start)])
+    assert axis.client.trouble is DriveTrouble.RESTARTED
 
 
 def test_a_setting_that_the_drive_refuses_keeps_it_out_of_use() -> None:
