@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import re
-import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +15,7 @@ from dbw.main import main
 from tests.dbw.test_dbw_wall import ATTEMPTS_MAX, skip_if_busy
 from tests.telemetry.chromium import WAIT_MS_MAX, headless_chromium
 from tests.telemetry.page_socket import Page as PageSocket
+from tests.telemetry.page_socket import served
 
 HERE_MS_MAX = 20_000
 HERE_S_MAX = HERE_MS_MAX / 1e3
@@ -103,21 +101,9 @@ def watch_the_drive(page: PageSocket) -> None:
 def desk(folder: Path) -> Iterator[str]:
     """A car on a desk in a process of its own; the address of its page, with the token."""
     (folder / "token").write_text(TOKEN)
-    command = [sys.executable, "-m", "dbw", "dashboard", "--desk", "--port", "0",
-               "--token-file", str(folder / "token")]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            url = None
-            while url is None:
-                line = process.stdout.readline()
-                assert line, "it ended"
-                url = re.search(r"http://\S+#token=\S+", line)
-            yield url.group(0)
-        finally:
-            process.send_signal(signal.SIGINT)
-            code = process.wait(60)
-    assert code == 0
+    arguments = ["dashboard", "--desk", "--port", "0", "--token-file", str(folder / "token")]
+    with served(arguments, folder / "desk.txt") as (_, found):
+        yield found["url"]
 
 
 @pytest.mark.wall_clock

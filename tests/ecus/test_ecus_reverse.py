@@ -7,13 +7,13 @@ import math
 import pytest
 
 from dbc.messages import Mode
-from ecus.throttle.direction import STANDING_NS
 from ecus.throttle.ports import ThrottleActuator, dac_code
-from tests.ecus.ecus_fakes import MS, Rig, changed, tabby
+from tests.ecus.ecus_fakes import Rig, changed, tabby
 
 RADIUS_M = tabby().geometry.wheel_radius_m
 ZERO, FULL = dac_code(0.0), dac_code(1.0)
-STANDING_STEPS = STANDING_NS // (10 * MS)
+STANDING_STEPS = 40
+"""400 ms, written a second time by hand."""
 
 
 def moving(speed_mps: float, setpoint_mps: float, reverse_mps: float = 1.5) -> Rig:

@@ -243,3 +243,15 @@ def replay(drive: Drive, rows: list[tuple[int, Frame]]) -> None:
 
         drive.world.kernel.at(began_ns + true_ns, 0, send)
     drive.run(rows[-1][0] / 1e9 + 0.1)
+
+
+def held_on_a_slope(name: str, slope_rad: float) -> Drive:
+    """AUTOMATIC and told to stand, on a slope that comes once the brake is on."""
+    drive = Drive(vehicle=load_vehicle(name)).start()
+    drive.press_button()
+    drive.engage()
+    drive.run(1.0)
+    drive.car.faults.slope_rad = slope_rad
+    drive.run(1.0)
+    assert drive.is_in(Mode.AUTOMATIC), drive.state.why_not_engaged
+    return drive

@@ -15,7 +15,7 @@ from ecus.brake_servo.control import HillHold
 from gateway.direction import Rolling, TurningRound
 from oracle.judge import Oracle
 from simulation.observer import Observer
-from tests.scenarios.driving import Drive
+from tests.scenarios.driving import Drive, held_on_a_slope
 from vehicles import known_vehicles, load_vehicle
 
 NAMES = pytest.mark.parametrize("name", known_vehicles())
@@ -30,18 +30,6 @@ FASTER_MPS_MAX = 0.3
 """The torque that beat the brake fades within the drive's dead time and lag."""
 
 
-def held(name: str, slope_rad: float) -> Drive:
-    """AUTOMATIC and told to stand, on a slope that comes once the brake is on."""
-    drive = Drive(vehicle=load_vehicle(name)).start()
-    drive.press_button()
-    drive.engage()
-    drive.run(1.0)
-    drive.car.faults.slope_rad = slope_rad
-    drive.run(1.0)
-    assert drive.is_in(Mode.AUTOMATIC), drive.state.why_not_engaged
-    return drive
-
-
 def way_m(drive: Drive) -> float:
     """Forwards along x."""
     return drive.car.pose.x_m
@@ -50,7 +38,7 @@ def way_m(drive: Drive) -> float:
 @NAMES
 @SLOPES
 def test_a_held_car_neither_rolls_nor_heats_its_servo(name: str, slope_rad: float) -> None:
-    drive = held(name, slope_rad)
+    drive = held_on_a_slope(name, slope_rad)
     began_m = way_m(drive)
     drive.run(1.1 * drive.world.vehicle.brake.on_time_s_max)
     assert drive.is_in(Mode.AUTOMATIC) and drive.codes == ()  # no ER3
@@ -60,7 +48,7 @@ def test_a_held_car_neither_rolls_nor_heats_its_servo(name: str, slope_rad: floa
 @NAMES
 @SLOPES
 def test_a_car_sets_off_without_rolling_back(name: str, slope_rad: float) -> None:
-    drive = held(name, slope_rad)
+    drive = held_on_a_slope(name, slope_rad)
     began_m = least_m = way_m(drive)
     fastest_mps = 0.0
     drive.speed_mps = SPEED_MPS
@@ -80,7 +68,7 @@ def test_without_its_inclinometer_a_car_would_roll_back_unless_drives_hold_it(
 ) -> None:
     """What the hill start is for; the same slope, taken for the level."""
     monkeypatch.setattr("ecus.brake_servo.control.SLOPE_RAD_MIN", math.inf)
-    drive = held(name, SLOPE_RAD)
+    drive = held_on_a_slope(name, SLOPE_RAD)
     began_m = least_m = way_m(drive)
     drive.speed_mps = SPEED_MPS
     for _ in range(100):
@@ -92,7 +80,7 @@ def test_without_its_inclinometer_a_car_would_roll_back_unless_drives_hold_it(
 
 @NAMES
 def test_a_planner_that_changes_its_mind_is_held_again(name: str) -> None:
-    drive = held(name, SLOPE_RAD)
+    drive = held_on_a_slope(name, SLOPE_RAD)
     began_m = way_m(drive)
     for wait_s in (0.1, 0.3, 0.5, 0.7):
         drive.speed_mps = SPEED_MPS
@@ -112,7 +100,7 @@ def test_the_brake_of_each_car_holds_a_slope_of_8_degrees_within_its_continuous_
 
 
 def test_no_torque_is_kept_when_an_emergency_comes_during_a_hill_start() -> None:
-    drive = held("tabby_evo", SLOPE_RAD)
+    drive = held_on_a_slope("tabby_evo", SLOPE_RAD)
     began_m = way_m(drive)
     drive.speed_mps = SPEED_MPS
     drive.run(0.6)
@@ -134,7 +122,7 @@ def test_a_broken_inclinometer_on_the_level_does_not_make_the_car_faster_than_to
         sense(self, now_ns, dt_s, speed_mps, math.nan)
 
     monkeypatch.setattr(HillHold, "sense", broken)
-    drive = held(name, 0.0)
+    drive = held_on_a_slope(name, 0.0)
     drive.speed_mps = 0.3
     fastest_mps = 0.0
     for _ in range(200):

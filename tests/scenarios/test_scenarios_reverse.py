@@ -9,7 +9,7 @@ import pytest
 from dbc.messages import ErrorCode, Mode, Reason, Request
 from oracle.judge import Oracle
 from simulation.observer import Observer
-from tests.scenarios.driving import Drive
+from tests.scenarios.driving import Drive, held_on_a_slope
 from vehicles import known_vehicles, load_vehicle
 
 NAMES = pytest.mark.parametrize("name", known_vehicles())
@@ -169,12 +169,7 @@ def test_a_throttle_ecu_that_restarts_backwards_replaces_a_dead_servo(name: str)
 def test_backwards_a_car_sets_off_from_a_hill_without_rolling_away(
     name: str, slope_rad: float
 ) -> None:
-    drive = Drive(vehicle=load_vehicle(name)).start()
-    drive.press_button()
-    drive.engage()
-    drive.run(1.0)
-    drive.car.faults.slope_rad = slope_rad
-    drive.run(1.0)
+    drive = held_on_a_slope(name, slope_rad)
     began_m = farthest_m = drive.car.pose.x_m
     drive.speed_mps = -0.7
     for _ in range(400):
@@ -214,12 +209,7 @@ def test_engaging_backwards_on_a_hill_never_rolls_the_other_way(
 def test_turning_round_on_a_hill_rolls_no_further_than_a_start(
     name: str, slope_rad: float, first_mps: float
 ) -> None:
-    drive = Drive(vehicle=load_vehicle(name)).start()
-    drive.press_button()
-    drive.engage()
-    drive.run(1.0)
-    drive.car.faults.slope_rad = slope_rad
-    drive.run(1.0)
+    drive = held_on_a_slope(name, slope_rad)
     drive.speed_mps = first_mps
     drive.run(5.0)
     drive.speed_mps = -first_mps

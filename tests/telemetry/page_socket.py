@@ -8,8 +8,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,19 +18,48 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from runtime.clock import NS_PER_S, monotonic_ns
 
-START = re.compile(r"with controls: http://(localhost:\d+)/#token=(\S+)")
+START = re.compile(r"with controls: (?P<url>http://(?P<host>localhost:\d+)/#token=(?P<token>\S+))")
 READ_S_MAX = 20.0
 END_S_MAX = 60.0
 HOLD_NS = 100_000_000
 """How often a page repeats what is held."""
 
 
-class Page:
-    """A page that watches; `with` starts what serves it, and ends it by Ctrl-C if it has not ended.
+@contextmanager
+def served(
+    arguments: list[str], output: Path
+) -> Iterator[tuple[subprocess.Popen[str], re.Match[str]]]:
+    """A `dbw` that serves its page, and START as it printed it; ended by Ctrl-C if it has not.
 
     Args:
         arguments: Of `dbw`; the port is best 0.
         output: What it says on standard error is kept there.
+    """
+    command = [sys.executable, "-m", "dbw", *arguments]
+    with (
+        output.open("wb") as sink,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True) as process,
+    ):
+        try:
+            assert process.stdout is not None
+            found = None
+            while found is None:
+                line = process.stdout.readline()
+                assert line, output.read_text()
+                found = START.search(line)
+            yield process, found
+        finally:
+            process.send_signal(signal.SIGINT)  # which one that has ended does not get
+            try:
+                process.wait(END_S_MAX)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
+    assert process.returncode == 0, output.read_text()
+
+
+class Page:
+    """A page that watches; `with` starts what serves it, as `served`, and ends it.
 
     Attributes:
         shown: Every value of the page, by name.
@@ -39,8 +68,7 @@ class Page:
     """
 
     def __init__(self, arguments: list[str], output: Path) -> None:
-        self._command = [sys.executable, "-m", "dbw", *arguments]
-        self._output = output
+        self._served = served(arguments, output)
         self.shown: dict[str, Any] = {}
         self.log: list[str] = []
         self.refused = ""
@@ -49,36 +77,15 @@ class Page:
         with ExitStack() as opened:
             self._loop = asyncio.new_event_loop()
             opened.callback(self._loop.close)
-            self._process = opened.enter_context(self._start())
-            opened.callback(self._end)
-            assert self._process.stdout is not None
-            found = None
-            while found is None:
-                line = self._process.stdout.readline()
-                assert line, self._output.read_text()
-                found = START.search(line)
-            host, token = found.groups()
-            self._socket = self._loop.run_until_complete(_open(host))
+            self._process, found = opened.enter_context(self._served)
+            self._socket = self._loop.run_until_complete(_open(found["host"]))
             opened.callback(self._socket.close)
-            self.say("show_token", token=token)
+            self.say("show_token", token=found["token"])
             self._opened = opened.pop_all()
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        self._opened.close()
-        assert self._process.returncode == 0, self._output.read_text()
-
-    def _start(self) -> subprocess.Popen[str]:
-        with self._output.open("wb") as sink:
-            return subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=sink, text=True)
-
-    def _end(self) -> None:
-        self._process.send_signal(signal.SIGINT)  # which one that has ended does not get
-        try:
-            self._process.wait(END_S_MAX)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            raise
+    def __exit__(self, *exception: Any) -> None:
+        self._opened.__exit__(*exception)
 
     def wait(self) -> None:
         """Until it ends by itself; reads all it says meanwhile."""
