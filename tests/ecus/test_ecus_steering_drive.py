@@ -11,11 +11,11 @@ from canbus.canopen_protocol import HEARTBEAT_ID, SDO_REQUEST_ID, SDO_RESPONSE_I
 from canbus.cia402 import OperationMode
 from canbus.frame import Frame, ReceivedFrame
 from dbc.messages import ErrorCode, Reason
-from ecus.common.drive_output import START_NS
 from ecus.steering.drive import SteeringDrive
 from tests.vehicles.drive_car import CAR, STEER
 
 STEP_NS = 10_000_000
+START_NS = 1_000_000_000
 SWITCH_ON_DISABLED = 0x40
 COUNTS_MAX = 2**31 - 1
 
