@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dbw.failures import EXIT_OK
-from dbw.options import channel_option, interface_option, vehicle_option
+from dbw.failures import EXIT_OK, UserMistake
+from dbw.options import VIRTUAL, channel_option, interface_option, vehicle_option
 
 if TYPE_CHECKING:
     from vehicles import Vehicle
@@ -42,6 +42,8 @@ def bytes(interface: str, channel: str, vehicle: str, period_s: float) -> int:
     from runtime.stopping import StopRequest
     from vehicles import load_vehicle
 
+    if interface == VIRTUAL:
+        raise UserMistake("a virtual bus lives inside one process: no car and no planner is there")
     with StopRequest() as stop:
         serve_bus(interface, channel, load_vehicle(vehicle), period_s, stop.is_set)
     return EXIT_OK
@@ -58,17 +60,22 @@ def serve_bus(
 
     Raises:
         CommandError: The period, or the vehicle's range for foreign nodes.
+        UserMistake: Another gateway is there: an identifier has one sender.
         BusError: The bus cannot be opened.
         LinkFailed: The gateway has ended.
     """
     from canbus.node import PERIOD_NS
     from canbus.python_can_bus import PythonCanBus
+    from dbw.listening import gateway_is_heard, listener_of
     from gateway.adapters.byte_commands import COMMAND_IDS, ByteCommands, serve
     from gateway.commands import checked_period_ns
     from gateway.connect import connect
     from runtime.clock import monotonic_ns, realtime_ns
+    from telemetry.monitor.filters import Source
 
     commands = ByteCommands(vehicle, checked_period_ns(vehicle, period_s))
+    if gateway_is_heard(listener_of(interface, [Source(channel=channel)], None)):
+        raise UserMistake(f"another gateway is on {channel}, and a bus has one")
     bus = PythonCanBus(
         interface, channel, clock=monotonic_ns, realtime=realtime_ns,
         acceptance=commands.acceptance,

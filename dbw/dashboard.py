@@ -10,6 +10,7 @@ import click
 
 from dbw.failures import EXIT_OK, UserMistake
 from dbw.options import (
+    VIRTUAL,
     BusName,
     WholeNumber,
     bitrate_option,
@@ -27,7 +28,6 @@ DEFAULT_PORT = 8420
 FOXGLOVE_PORT = 8765
 """Foxglove's own default."""
 DEFAULT_HOST = "127.0.0.1"
-VIRTUAL = "virtual"
 DESK_CHANNEL = "desk"
 
 
@@ -119,7 +119,8 @@ def dashboard(
     what it stands beside: --harness-channel, --gateway, --desk.
     """
     require_server()
-    from dbw.dashboard_server import Setup, gateway_is_heard, open_dashboard
+    from dbw.dashboard_server import Setup, open_dashboard
+    from dbw.listening import gateway_is_heard
     from runtime.in_process import harness_channel_of
     from runtime.launch import InProcessStack
     from runtime.realtime import RealtimeSettings, apply_realtime
@@ -151,7 +152,7 @@ def dashboard(
         access=Access(read_token(token_file), frozenset(names)),
         foxglove_port=foxglove_port,
     )
-    if gateway and not desk and gateway_is_heard(setup):
+    if gateway and not desk and gateway_is_heard(setup.listener()):
         raise UserMistake(
             f"--gateway: another gateway is on {channel}, and a bus has one: leave it away to watch"
         )

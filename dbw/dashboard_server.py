@@ -10,9 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canbus.heard import Heard
 from canbus.listener import Listener
-from dbc.messages import SPECS
 from dbw.dashboard_controls import CarControls
 from dbw.failures import UserMistake
 from dbw.listening import listener_of
@@ -28,9 +26,6 @@ from vehicles import Vehicle
 if TYPE_CHECKING:
     from telemetry.dashboard.foxglove_server import FoxgloveServer
 
-GATEWAY = "Gateway"
-LOOK_NS = 300_000_000
-"""For a gateway that is there already: six of its heartbeats."""
 JOIN_S_MAX = 5.0
 
 
@@ -136,21 +131,6 @@ def dashboard_beside(setup: Setup) -> Iterator[Dashboard]:
         finally:
             ended.set()
             thread.join(JOIN_S_MAX)
-
-
-def gateway_is_heard(setup: Setup) -> bool:
-    """Whether somebody sends what only a gateway may send."""
-    deadline_ns = monotonic_ns() + LOOK_NS
-    with setup.listener() as listener:
-        while (rest_ns := deadline_ns - monotonic_ns()) > 0:
-            if any(_is_gateways(heard) for heard in listener.hear(rest_ns)):
-                return True
-    return False
-
-
-def _is_gateways(heard: Heard) -> bool:
-    spec = SPECS.get(heard.word)
-    return spec is not None and spec.sender == GATEWAY
 
 
 def _foxglove_of(setup: Setup, port: int) -> FoxgloveServer:

@@ -14,7 +14,7 @@ import click
 
 from dbw.dashboard import DEFAULT_PORT, PORT_MAX
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake, complain
-from dbw.options import WholeNumber, bus_options, check_two_buses, vehicle_option
+from dbw.options import VIRTUAL, WholeNumber, bus_options, check_two_buses, vehicle_option
 
 if TYPE_CHECKING:
     from dbw.plan import DrivePlan
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NS_PER_MS = 1_000_000
 SEED_MAX = 2**32 - 1
-VIRTUAL, SOCKETCAN = "virtual", "socketcan"
+SOCKETCAN = "socketcan"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from telemetry.monitor.filters import Source
 
 DEFAULT_CHANNEL: Final = "vcan0"
+GATEWAY: Final = "Gateway"
+LOOK_NS: Final = 300_000_000
+"""For a gateway that is there already: six of its heartbeats."""
 
 
 def sources_of(buses: Sequence[str]) -> list[Source]:
@@ -47,3 +50,21 @@ def listener_of(
     return PythonCanListener(
         interface, channels, clock=monotonic_ns, realtime=realtime_ns, bitrate=bitrate_bps
     )
+
+
+def gateway_is_heard(listener: Listener) -> bool:
+    """Whether somebody on the bus sends what only a gateway may send.
+
+    Args:
+        listener: Not open yet.
+    """
+    from dbc.messages import SPECS
+    from runtime.clock import monotonic_ns
+
+    deadline_ns = monotonic_ns() + LOOK_NS
+    with listener:
+        while (rest_ns := deadline_ns - monotonic_ns()) > 0:
+            specs = (SPECS.get(heard.word) for heard in listener.hear(rest_ns))
+            if any(spec is not None and spec.sender == GATEWAY for spec in specs):
+                return True
+    return False

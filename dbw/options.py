@@ -16,6 +16,8 @@ BITRATE_BPS_MAX = 1_000_000
 """Classical CAN's (ISO 11898-1)."""
 
 STANDARD_INPUT = "-"
+VIRTUAL = "virtual"
+"""An interface that lives inside one process."""
 """Name of a log that comes through a pipe."""
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])

@@ -9,7 +9,9 @@ import pytest
 from canbus.frame import Frame
 from canbus.python_can_bus import PythonCanBus
 from dbw.byte_planner import serve_bus
+from dbw.failures import UserMistake
 from dbw.main import main
+from gateway.connect import connect
 from vehicles import load_vehicle
 
 Capture = pytest.CaptureFixture[str]
@@ -32,6 +34,14 @@ def test_a_planner_on_the_bus_gets_its_bytes_back_and_hears_of_a_missing_supervi
     assert "0x410 BYTE_BRAKE, 0x411 BYTE_ACCELERATE, 0x412 BYTE_STEER" in capsys.readouterr().out
 
 
+def test_a_bus_that_has_a_gateway_gets_no_second_one() -> None:
+    with (
+        connect("virtual", "byte_two", vehicle="fsae_electric"),
+        pytest.raises(UserMistake, match="another gateway is on byte_two"),
+    ):
+        serve_bus("virtual", "byte_two", load_vehicle("fsae_electric"), 0.05, lambda: True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -40,6 +50,7 @@ def test_a_planner_on_the_bus_gets_its_bytes_back_and_hears_of_a_missing_supervi
         (["--period", "nan"], "planner_period_s = nan: allowed 0.01"),
         (["--channel", "no such"], "a name without blanks is wanted"),
         (["--interface", "socketcam"], "socketcam"),
+        (["--interface", "virtual"], "a virtual bus lives inside one process"),
     ],
 )
 def test_a_mistake_is_one_line(arguments: list[str], expected: str, capsys: Capture) -> None:
