@@ -79,7 +79,7 @@ class Page:
             opened.callback(self._loop.close)
             self._process, found = opened.enter_context(self._served)
             self._socket = self._loop.run_until_complete(_open(found["host"]))
-            opened.callback(self._socket.close)
+            opened.callback(lambda: self._loop.run_until_complete(_close(self._socket)))
             self.say("show_token", token=found["token"])
             self._opened = opened.pop_all()
         return self
@@ -122,6 +122,11 @@ class Page:
 async def _open(host: str) -> WebSocketClientConnection:
     request = HTTPRequest(f"ws://{host}/bus", headers={"Origin": f"http://{host}"})
     return await websocket_connect(request)
+
+
+async def _close(socket: WebSocketClientConnection) -> None:
+    """In its loop: tornado's future for what is written would make another, that nobody closes."""
+    socket.close()
 
 
 async def _send(socket: WebSocketClientConnection, text: str) -> None:
