@@ -89,6 +89,9 @@ class Traction:
     deceleration_mps2_max: float = number(0.1, 10.0)
     speed_gain_per_s: float = number(0.0, 20.0)
     integral_gain_per_s2: float = number(0.0, 20.0)
+    drive_lag_s: float = optional_number(0.0, 2.0, 0.0)
+    """From a torque demand to the torque, dead time and time constant together; what the feedback
+    compares the speed with comes so much later. 0: at once."""
     rolling_resistance_mps2: float = number(0.0, 2.0)
     pedal_ratio_max: float = number(0.01, 0.5)
 

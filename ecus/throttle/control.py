@@ -97,7 +97,7 @@ class SpeedLoop:
         wanted = feed_forward + resistance + params.speed_gain * error_mps + self._integral_mps2
         wanted += brake_mps2
         low, high = -params.regen_deceleration_mps2_full, params.drive_acceleration_mps2_full
-        if is_servo_braking:
+        if is_servo_braking or self.reference_mps == 0.0:  # who is to stand is not pushed
             return actuator_of(min(wanted, 0.0), params)
         step = params.integral_gain_per_s * error_mps * dt_s
         if low < wanted < high or step * wanted < 0.0:  # no wind-up at saturation

@@ -48,8 +48,7 @@ class ThrottleParams:
     hold_mps2: float
     """Deceleration of a brake that holds the standing car."""
     brake_mps2_full: float
-    drive_lag_s: float = 0.0
-    """From a torque demand to the torque, dead time and time constant together; 0: not modelled."""
+    drive_lag_s: float
 
     def __post_init__(self) -> None:
         assert self.drive_acceleration_mps2_full > 0.0
@@ -73,6 +72,7 @@ class ThrottleParams:
             wheel_radius_m=geometry.wheel_radius_m,
             gear_ratio=traction.gear_ratio,
             encoder_pulses_per_rev=traction.encoder_pulses_per_rev,
+            drive_lag_s=traction.drive_lag_s,
             rolling_resistance_mps2=traction.rolling_resistance_mps2,
             drive_acceleration_mps2_full=traction.motor_torque_nm_max * mps2_per_nm,
             regen_deceleration_mps2_full=traction.regen_torque_nm_max * mps2_per_nm,

@@ -30,9 +30,7 @@ from experiments.result import (
     ours_at_most,
 )
 from experiments.uah.paper_board import PERIOD_NS, PaperBoard, Run, Sample, sample
-from experiments.uah.plant import PAPER_GAINS, UAH_PAPER
-from experiments.uah.stack import allow_for_lag
-from experiments.uah.tuning import LAG, TUNED_SPEED, tuned_vehicle
+from experiments.uah.plant import PAPER_GAINS, UAH_PAPER, VEHICLE
 from gateway.kinematics import Kinematics
 from planner.errors import TrackingErrors, tracking_errors
 from planner.gnss import LATENCY_NS, SIGMA_M, GnssReceiver
@@ -70,7 +68,7 @@ class Lap:
 def campus_plan(distance_m: float | None = None) -> DrivePlan:
     """Line and speeds of `dbw demo` on the campus: the lap, or a part of it."""
     return make_plan(
-        vehicle=tuned_vehicle(), road=open_road("campus"), planner_period_ns=PLANNER_PERIOD_NS,
+        vehicle=VEHICLE, road=open_road("campus"), planner_period_ns=PLANNER_PERIOD_NS,
         distance_m=distance_m,
     )  # fmt: skip
 
@@ -138,9 +136,7 @@ def arc_to(pose: Pose, goal: Pose) -> float:
 
 def our_stage(plan: DrivePlan, seed: int) -> VirtualStage:
     """Our stack on the plant of the paper's steps."""
-    stage = VirtualStage(plan, seed, UAH_PAPER)
-    allow_for_lag(stage.world, TUNED_SPEED[LAG])
-    return stage
+    return VirtualStage(plan, seed, UAH_PAPER)
 
 
 def our_lap(plan: DrivePlan, seed: int) -> Lap:

@@ -13,6 +13,7 @@ from typing import Final
 
 from experiments.uah.paper_board import PaperGains
 from simulation.plant.params import TABBY_EVO, PlantParams
+from vehicles import Vehicle, load_vehicle
 
 WHEEL_STEP_RAD: Final = math.radians(90.0)
 SPEED_STEP_MPS: Final = 4.0
@@ -30,6 +31,9 @@ UAH_PAPER: Final[PlantParams] = replace(
     traction=replace(TABBY_EVO.traction, torque_lag_s=0.366),
 )
 """TABBY EVO's plant but for the lag of its drive. For both controllers."""
+
+VEHICLE: Final[Vehicle] = load_vehicle("tabby_evo")
+"""What our nodes believe of it."""
 
 PAPER_GAINS: Final = PaperGains(
     steering_duty_per_deg=0.01155,

@@ -13,9 +13,8 @@ from experiments.response import first_crossing_s
 from experiments.result import Outcome, Row, Setting, ours_at_most_share
 from experiments.uah.baseline import WHEEL_RADIUS_M
 from experiments.uah.paper_board import SILENCE_NS_MAX, PaperBoard, Run
-from experiments.uah.plant import PAPER_GAINS, SPEED_STEP_MPS, UAH_PAPER
+from experiments.uah.plant import PAPER_GAINS, SPEED_STEP_MPS, UAH_PAPER, VEHICLE
 from experiments.uah.stack import Stack
-from experiments.uah.tuning import LAG, TUNED_SPEED, tuned_vehicle
 from simulation.plant.car import Car
 
 WHEEL_RAD: Final = math.radians(90.0)
@@ -31,7 +30,7 @@ def run(setting: Setting, file: Path) -> Outcome:
     board.tell(WHEEL_RAD, SPEED_STEP_MPS / WHEEL_RADIUS_M)
     board.run_until(round(SILENT_S * 1e9))
     board.run_until(round((SILENT_S + WATCHED_S) * 1e9), is_told=False)
-    stack = Stack(tuned_vehicle(), UAH_PAPER, setting.seed, drive_lag_s=TUNED_SPEED[LAG])
+    stack = Stack(VEHICLE, UAH_PAPER, setting.seed)
     stack.speed_mps = SPEED_STEP_MPS
     stack.run_for(SILENT_S / 2.0)
     stack.wheel_rad = WHEEL_RAD

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 from dbc.messages import Mode, Request
@@ -24,12 +23,6 @@ ENGAGE_S: Final = 0.1
 SAMPLES_PER_TICK: Final = 2
 
 
-def allow_for_lag(world: World, drive_lag_s: float) -> None:
-    """Tells the throttle ECU, which has it from no vehicle file, how slow its drive is."""
-    throttle = world.stations["Throttle"].node
-    throttle.params = replace(throttle.params, drive_lag_s=drive_lag_s)
-
-
 class Stack:
     """All nodes, the wire and the car, engaged at standstill.
 
@@ -37,7 +30,6 @@ class Stack:
         vehicle: What the nodes believe.
         plant: What the car is.
         seed: Of everything left to chance.
-        drive_lag_s: What the throttle ECU allows for.
 
     Attributes:
         speed_mps: What the planner asks for.
@@ -45,14 +37,11 @@ class Stack:
         is_silent: The planner decides nothing.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, plant: PlantParams, seed: int, *, drive_lag_s: float = 0.0
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, plant: PlantParams, seed: int) -> None:
         self.speed_mps = 0.0
         self.wheel_rad = 0.0
         self.is_silent = False
         self.world = World(vehicle, seed, plant=plant, keep_frames=False)
-        allow_for_lag(self.world, drive_lag_s)
         self.link = SimulationLink(self.world)
         self._kinematics = Kinematics.of(vehicle.geometry, vehicle.steering)
         self._samples: list[Sample] = []

@@ -37,11 +37,12 @@ from experiments.uah.plant import (
     SPEED_STEP_MPS,
     STEERING_BAND,
     UAH_PAPER,
+    VEHICLE,
     WHEEL_STEP_RAD,
 )
 from simulation.plant.car import Car
 from simulation.plant.params import PlantParams
-from vehicles import Vehicle, load_vehicle
+from vehicles import Vehicle
 
 PERIOD_S: Final = PERIOD_NS * 1e-9
 STEERING_LIMITS: Final = replace(PAPER_STEERING, steady_error=0.25 * PAPER_STEERING.steady_error)
@@ -55,9 +56,8 @@ SPEED_S: Final = 10.0
 PATH: Final = Path("out") / "tuning.json"
 
 Gains = dict[str, float]
-"""By field of the vehicle file; the drive's lag by the throttle ECU's."""
+"""By field of the vehicle file."""
 Grid = dict[str, tuple[float, ...]]
-LAG: Final = "drive_lag_s"
 
 # within the ranges of vehicle files: 50 1/s2 is the largest integral gain of the steering
 STEERING_GRID: Final[Grid] = {
@@ -68,20 +68,12 @@ STEERING_GRID: Final[Grid] = {
 SPEED_GRID: Final[Grid] = {
     "speed_gain_per_s": (2.5, 3.0, 4.0, 5.0),
     "integral_gain_per_s2": (0.1, 0.2, 0.4, 0.8),
-    LAG: (0.30, 0.35, 0.40, 0.45),
+    "drive_lag_s": (0.30, 0.35, 0.40, 0.45),
 }
 
-TUNED_STEERING: Final[Gains] = {
-    "position_gain_per_s": 24.0,
-    "rate_gain": 1.5,
-    "integral_gain_per_s2": 50.0,
-}
-TUNED_SPEED: Final[Gains] = {
-    "speed_gain_per_s": 4.0,
-    "integral_gain_per_s2": 0.8,
-    LAG: 0.35,
-}
-"""What the grids gave; a test asks their neighbours again."""
+TUNED_STEERING: Final[Gains] = {name: getattr(VEHICLE.steering, name) for name in STEERING_GRID}
+TUNED_SPEED: Final[Gains] = {name: getattr(VEHICLE.traction, name) for name in SPEED_GRID}
+"""The vehicle file's; a test asks their neighbours again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,12 +127,12 @@ def corners(plant: PlantParams) -> tuple[Corner, ...]:
 class BareLoops:
     """Both loops on a car, without anything between."""
 
-    def __init__(self, vehicle: Vehicle, plant: PlantParams, drive_lag_s: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, plant: PlantParams) -> None:
         self._car = Car(plant, generator(SEED))
         self._car.actuate_supervisor(0, SupervisorActuator(automatic_relay_closed=True))
         self._steering, self._speed = SteeringLoop(), SpeedLoop()
         self._steering_params = SteeringParams.of(vehicle)
-        self._speed_params = replace(ThrottleParams.of(vehicle), drive_lag_s=drive_lag_s)
+        self._speed_params = ThrottleParams.of(vehicle)
         self._encoder = EncoderSpeed(self._speed_params.encoder_pulses_per_rev)
         self._now_ns = 0
         self._samples: list[Sample] = []
@@ -181,9 +173,9 @@ def steering_figures(vehicle: Vehicle, plant: PlantParams, *, is_rolling: bool) 
     return loops.run.steering(BEFORE_S, WHEEL_STEP_RAD, STEERING_BAND)
 
 
-def speed_figures(vehicle: Vehicle, plant: PlantParams, drive_lag_s: float) -> StepFigures:
+def speed_figures(vehicle: Vehicle, plant: PlantParams) -> StepFigures:
     """A step of the speed from standstill, m/s."""
-    loops = BareLoops(vehicle, plant, drive_lag_s)
+    loops = BareLoops(vehicle, plant)
     loops.run_for(1.0, 0.0, 0.0)
     loops.run_for(SPEED_S, SPEED_STEP_MPS, 0.0)
     return loops.run.speed(1.0, SPEED_STEP_MPS, SPEED_BAND)
@@ -191,7 +183,7 @@ def speed_figures(vehicle: Vehicle, plant: PlantParams, drive_lag_s: float) -> S
 
 def judged_steering(gains: Gains) -> StepFigures:
     """A candidate in every corner, rolling and standing."""
-    vehicle = with_steering(load_vehicle("tabby_evo"), gains)
+    vehicle = with_steering(VEHICLE, gains)
     return together(
         steering_figures(vehicle, corner.plant, is_rolling=is_rolling)
         for corner in corners(UAH_PAPER)
@@ -202,9 +194,9 @@ def judged_steering(gains: Gains) -> StepFigures:
 
 def judged_speed(gains: Gains) -> StepFigures:
     """A candidate in every corner."""
-    vehicle, drive_lag_s = with_speed(load_vehicle("tabby_evo"), gains)
+    vehicle = replace(VEHICLE, traction=replace(VEHICLE.traction, **gains))
     return together(
-        speed_figures(vehicle, corner.plant, drive_lag_s)
+        speed_figures(vehicle, corner.plant)
         for corner in corners(UAH_PAPER)
         if corner.is_of_speed
     )
@@ -213,20 +205,6 @@ def judged_speed(gains: Gains) -> StepFigures:
 def with_steering(vehicle: Vehicle, gains: Gains) -> Vehicle:
     """A vehicle with other gains of its steering loop."""
     return replace(vehicle, steering=replace(vehicle.steering, **gains))
-
-
-def with_speed(vehicle: Vehicle, gains: Gains) -> tuple[Vehicle, float]:
-    """A vehicle with other gains of its speed loop, and the lag that it is to allow for."""
-    changed = {name: value for name, value in gains.items() if name != LAG}
-    traction = replace(
-        vehicle.traction, acceleration_mps2_max=vehicle.traction.deceleration_mps2_max, **changed
-    )
-    return replace(vehicle, traction=traction), gains[LAG]
-
-
-def tuned_vehicle() -> Vehicle:
-    """TABBY EVO with the gains that the grids gave."""
-    return with_speed(with_steering(load_vehicle("tabby_evo"), TUNED_STEERING), TUNED_SPEED)[0]
 
 
 def worst(figures: Iterable[StepFigures]) -> StepFigures:

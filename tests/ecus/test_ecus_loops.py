@@ -141,7 +141,7 @@ def test_steering_rate_is_forgotten_with_a_broken_sensor() -> None:
 
 # Speed loop ----------------------------------------------------------------------------------
 
-SPEED = ThrottleParams.of(tabby())
+SPEED = replace(ThrottleParams.of(tabby()), drive_lag_s=0.0)  # as the simple car
 
 
 def _acceleration(output: ThrottleActuator) -> float:
@@ -172,7 +172,7 @@ def test_speed_loop_on_a_simple_car_reaches_the_speed_without_overshoot() -> Non
     assert max(speeds) <= 6.9 * 1.02
     assert speeds[-1] == pytest.approx(6.9, abs=0.05)
     accelerations = [(b - a) / DT_S for a, b in pairwise(speeds)]
-    assert max(accelerations) <= 1.5 * 1.15
+    assert max(accelerations) <= 2.0 * 1.15
 
 
 def _lagging_overshoot(drive_lag_s: float) -> float:
@@ -233,7 +233,7 @@ def test_speed_integrator_is_bounded() -> None:
     loop = SpeedLoop()
     loop.start(5.0)
     for _ in range(5000):
-        loop.update(5.0, 4.5, DT_S, SPEED, is_servo_braking=False)
+        loop.update(5.0, 4.8, DT_S, SPEED, is_servo_braking=False)
     assert loop._integral_mps2 == INTEGRAL_MPS2_MAX
 
 
@@ -246,6 +246,17 @@ def test_speed_loop_asks_nothing_of_the_motor_at_standstill() -> None:
     assert loop.update(-9.0, -0.05, DT_S, SPEED, is_servo_braking=False) == IDLE
 
 
+@pytest.mark.parametrize("speed", [0.2, 2.0])
+def test_a_car_that_is_to_stand_is_not_pushed_while_its_drive_lags(speed: float) -> None:
+    loop, params = SpeedLoop(), replace(SPEED, drive_lag_s=0.4)
+    loop.start(speed)
+    while loop.reference_mps > 0.0:
+        loop.update(0.0, speed, DT_S, params, is_servo_braking=False)
+    for _ in range(100):
+        asked = loop.update(0.0, speed, DT_S, params, is_servo_braking=False)
+        assert asked.throttle_dac_code == IDLE.throttle_dac_code
+
+
 @given(st.floats(-2, 40), st.floats(0, 10))
 def test_speed_reference_obeys_its_limits(target: float, speed: float) -> None:
     loop = SpeedLoop()
@@ -254,7 +265,7 @@ def test_speed_reference_obeys_its_limits(target: float, speed: float) -> None:
     for _ in range(30):
         loop.update(target, speed, DT_S, SPEED, is_servo_braking=False)
         change = loop.reference_mps - before
-        assert -0.02 - 1e-9 <= change <= 0.015 + 1e-9
+        assert -0.02 - 1e-9 <= change <= 0.02 + 1e-9
         before = loop.reference_mps
 
 

@@ -272,9 +272,9 @@ def test_in_a_turn_the_driven_wheels_are_faster_by_the_cosine_of_the_road_wheel(
 # Command against measured ------------------------------------------------------------------------
 
 FOLLOW_CYCLES = {
-    # 1.25 x (lock to lock at 8.73 rad/s; 7.5 m/s at 1.5 m/s2; 0.29 s of servo) + 0.5 s
+    # 1.25 x (lock to lock at 8.73 rad/s; 7.5 m/s at 2.0 m/s2; 0.29 s of servo) + 0.5 s
     "STEER_COMMAND": math.ceil(100 * (1.25 * 2 * 9.25 / 8.73 + 0.5)),
-    "THROTTLE_COMMAND": math.ceil(100 * (1.25 * 7.5 / 1.5 + 0.5)),
+    "THROTTLE_COMMAND": math.ceil(100 * (1.25 * 7.5 / 2.0 + 0.5)),
     "BRAKE_COMMAND": math.ceil(100 * (1.25 * 0.29 + 0.5)),
 }
 

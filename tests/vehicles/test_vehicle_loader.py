@@ -15,7 +15,11 @@ from vehicles.vehicle import DriverPolicy, Vehicle
 
 TEXT = load_vehicle("tabby_evo").text
 ORIGIN = "my_car.toml"
-OPTIONAL = {("steering", "zero_rad"), ("traction", "reverse_speed_mps_max")}
+OPTIONAL = {
+    ("steering", "zero_rad"),
+    ("traction", "reverse_speed_mps_max"),
+    ("traction", "drive_lag_s"),
+}
 """Fields that a file may leave out."""
 
 
