@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from experiments.result import (
     ours_within,
 )
 from experiments.unicamp.drivers import OurDriver
-from experiments.unicamp.plant import UNICAMP_PLANT, PlantParams
+from experiments.unicamp.plant import UNICAMP_PLANT
 from experiments.unicamp.tuning import SPEED_MPS, STANDING_S, ours, papers
 from experiments.unicamp.wire import Driver, Run, ThreeDrives
 
@@ -81,18 +81,37 @@ def settling_s(run: Run, start_s: float, wanted_radps: float) -> float:
     return float(run.time_s[count - 1 :][min(last, smooth.size - 1)]) - start_s
 
 
-def drive_laps(
-    plant: PlantParams, driver: Driver, radius_m: float, seed: int, turn_rad: float = math.tau
-) -> Laps:
+class Car(Protocol):
+    """A car with a driver, standing.
+
+    Attributes:
+        now_s: true time.
+        heading_rad: true.
+        run: all samples so far.
+    """
+
+    @property
+    def now_s(self) -> float: ...
+
+    @property
+    def heading_rad(self) -> float: ...
+
+    @property
+    def run(self) -> Run: ...
+
+    def run_for(self, span_s: float) -> None:
+        """Drives on."""
+
+
+def drive_laps(car: Car, driver: Driver, radius_m: float, turn_rad: float = math.tau) -> Laps:
     """A turn to the left from standstill, then inverted on the move."""
-    car = ThreeDrives(plant, driver, seed)
     car.run_for(STANDING_S)
     driver.speed_mps = SPEED_MPS
     spans = {}
     for side, sign in SIDES.items():
         driver.curvature_per_m = sign / radius_m
-        start_s, start_rad = car.now_s, car.car.heading_rad
-        while sign * (car.car.heading_rad - start_rad) < turn_rad:
+        start_s, start_rad = car.now_s, car.heading_rad
+        while sign * (car.heading_rad - start_rad) < turn_rad:
             car.run_for(CHUNK_S)
             assert car.now_s - start_s < LAP_S_MAX, f"no lap of {radius_m} m"
         spans[side] = (start_s, car.now_s)
@@ -113,22 +132,33 @@ def _lap(run: Run, start_s: float, wanted_radps: float) -> Lap:
 
 
 def run(setting: Setting, file: Path) -> Outcome:
-    """Three controllers on both circles."""
+    """With the drives commanded directly."""
+    rows = compare("circles", lambda driver: ThreeDrives(UNICAMP_PLANT, driver, setting.seed), file)
+    return Outcome(rows=rows, notes=_NOTES)
+
+
+def compare(name: str, car: Callable[[Driver], Car], file: Path) -> tuple[Row, ...]:
+    """Three controllers on both circles, in a car that is made for each.
+
+    Args:
+        name: of the experiment, in the rows' ids.
+        car: makes one.
+        file: for the picture.
+    """
     makers: dict[str, tuple[Callable[[], Driver], float]] = {
         "feed_forward": (lambda: OurDriver(None), FEED_FORWARD_RAD),
         "paper": (papers, math.tau),
         "ours": (ours, math.tau),
     }
-    found = {
-        radius_m: {
-            name: drive_laps(UNICAMP_PLANT, make(), radius_m, setting.seed, turn_rad)
-            for name, (make, turn_rad) in makers.items()
-        }
-        for radius_m in RADII_M
-    }
+    found: dict[float, dict[str, Laps]] = {}
+    for radius_m in RADII_M:
+        found[radius_m] = {}
+        for controller, (make, turn_rad) in makers.items():
+            driver = make()
+            laps = drive_laps(car(driver), driver, radius_m, turn_rad)
+            found[radius_m][controller] = laps
     _draw(file, found)
-    rows = [row for radius_m, laps in found.items() for row in _rows(radius_m, laps)]
-    return Outcome(rows=tuple(rows), notes=_NOTES)
+    return tuple(row for radius_m, laps in found.items() for row in _rows(name, radius_m, laps))
 
 
 _NOTES = (
@@ -147,11 +177,12 @@ _NOTES = (
     "measured speed, the IMU's bias learned in 2 s of standing, and the electronic differential. "
     "Feed-forward alone is ours without the IMU, a quarter of a lap. All three command three "
     "drives by PDO on the simulated bus (canbus/drive_client.py); planner and nodes meet in "
-    "memory: the ECUs of baja_5b and their frames have no part in this.",
+    "memory: the ECUs of baja_5b have no part in this, but in the next experiment.",
 )
 
 
 def _row(
+    experiment: str,
     radius_m: float,
     name: str,
     quantity: str,
@@ -160,20 +191,21 @@ def _row(
     *goals: Goal,
 ) -> Row:
     paper, baseline, own = values
-    return Row(id=f"unicamp.circles.{radius_m:g}_m.{name}", paper="unicamp",
+    return Row(id=f"unicamp.{experiment}.{radius_m:g}_m.{name}", paper="unicamp",
                quantity=f"{radius_m:.1f} m: {quantity}", unit=unit, paper_value=paper,
                baseline_value=baseline, ours_value=own, goals=goals)  # fmt: skip
 
 
-def _rows(radius_m: float, laps: dict[str, Laps]) -> list[Row]:
+def _rows(experiment: str, radius_m: float, laps: dict[str, Laps]) -> list[Row]:
     near, close = baseline_within(0.10), ours_within(0.02)
     rows = []
     for side in SIDES:
         paper, own = (laps[name].by_side[side] for name in ("paper", "ours"))
         rows += [
-            _row(radius_m, f"{side}.radius_m", f"radius to the {side}", "m",
+            _row(experiment, radius_m, f"{side}.radius_m", f"radius to the {side}", "m",
                  (radius_m, paper.radius_m, own.radius_m), near, close),
-            _row(radius_m, f"{side}.yaw_rate_radps", f"yaw rate kept to the {side}", "rad/s",
+            _row(experiment, radius_m, f"{side}.yaw_rate_radps",
+                 f"yaw rate kept to the {side}", "rad/s",
                  (PAPER_YAW_RATE_RADPS[radius_m], paper.yaw_rate_radps, own.yaw_rate_radps),
                  near, close),
         ]  # fmt: skip
@@ -184,9 +216,9 @@ def _rows(radius_m: float, laps: dict[str, Laps]) -> list[Row]:
     }
     return [
         *rows,
-        _row(radius_m, "inverted_s", "from left to right, yaw rate within 10 %", "s",
+        _row(experiment, radius_m, "inverted_s", "from left to right, yaw rate within 10 %", "s",
              (NAN, turned["paper"], turned["ours"]), ours_at_most_share(1.0, "baseline")),
-        _row(radius_m, "feed_forward.radius_error_percent",
+        _row(experiment, radius_m, "feed_forward.radius_error_percent",
              "radius error, in place of the baseline feed-forward alone", "%",
              (NAN, errors["feed_forward"], errors["ours"]), ours_at_most_share(0.5, "baseline")),
     ]  # fmt: skip

@@ -14,8 +14,10 @@ from typing import Final, Self
 
 from numpy.random import Generator
 
-from gateway.curvature_control import YawReading
+from experiments.unicamp.gyroscope import Gyroscope, Imu
 from simulation.drives.motor import EC45, RE50, Motor, MotorParams
+from simulation.plant.linkage import Linkage
+from simulation.plant.params import LinkageParams
 from vehicles import load_vehicle
 from vehicles.vehicle import Vehicle
 
@@ -24,21 +26,8 @@ assert BAJA.drives is not None, "three drives"
 STEERING_GEAR_RATIO: Final = BAJA.drives.steering_gear_ratio
 """Turns of the motor for one of its gear's shaft, which is the "wheel" of the vehicle file."""
 GRAVITY_MPS2: Final = 9.81
-STANDING_MPS: Final = 0.01
 SLIP_SPEED_MPS_MIN: Final = 0.1
 """Slip is a share of the speed, and below this one of this speed."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Linkage:
-    """From the steering motor to the road wheels; all angles at the imagined middle wheel."""
-
-    transmission_ratio: float
-    """Of the road wheel's angle to the one that the vehicle file's ratio gives."""
-    play_rad: float
-    """Hysteresis: half of what the motor's side turns back before the wheels follow."""
-    dead_zone_rad: float
-    """Half of what it turns about straight ahead without effect."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,24 +44,11 @@ class Tyres:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Imu:
-    """A gyroscope about the vertical axis."""
-
-    period_ns: int
-    latency_ns: int
-    bias_radps: float
-    noise_radps: float
-    """Of one reading, standing."""
-    vibration_radps: float
-    """Of one reading besides, in motion."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlantParams:
     """A car."""
 
     name: str
-    linkage: Linkage
+    linkage: LinkageParams
     tyres: Tyres
     imu: Imu
     steering_motor: MotorParams
@@ -91,7 +67,7 @@ class PlantParams:
 
 UNICAMP_PLANT: Final = PlantParams(
     name="unicamp",
-    linkage=Linkage(
+    linkage=LinkageParams(
         transmission_ratio=1.0,
         play_rad=math.radians(1.0),  # assumption: servo saver and ball joints of a 1:5 car
         dead_zone_rad=math.radians(0.5),  # assumption
@@ -121,6 +97,7 @@ class Baja:
 
     Attributes:
         steering, left, right: motors, at rest and centred.
+        gyroscope: the IMU's.
         x_m, y_m, heading_rad: of the rear axle's centre.
         speed_mps, yaw_rate_radps: of it; positive left.
         road_wheel_rad: angle of the imagined middle front wheel.
@@ -128,14 +105,13 @@ class Baja:
 
     def __init__(self, params: PlantParams, rng: Generator) -> None:
         self.params = params
-        self._rng = rng
         self.steering = Motor(params.steering_motor)
         self.left, self.right = Motor(params.wheel_motor), Motor(params.wheel_motor)
         self.x_m = self.y_m = self.heading_rad = 0.0
         self.speed_mps = self.yaw_rate_radps = 0.0
         self.road_wheel_rad = 0.0
-        self._played_rad = 0.0
-        self._readings: list[YawReading] = []
+        self._linkage = Linkage(params.linkage)
+        self.gyroscope = Gyroscope(params.imu, rng)
 
     def wheel_mps(self, motor: Motor) -> float:
         """What a rear wheel's tread does."""
@@ -148,31 +124,12 @@ class Baja:
         self._roll(dt_s)
 
     def read_imu(self, now_ns: int) -> None:
-        """Takes a reading, which `yaw` shows after the IMU's latency."""
-        imu = self.params.imu
-        is_moving = abs(self.speed_mps) > STANDING_MPS
-        spread = math.hypot(imu.noise_radps, imu.vibration_radps if is_moving else 0.0)
-        rate = self.yaw_rate_radps + imu.bias_radps + spread * self._rng.standard_normal()
-        self._readings.append(YawReading(time_ns=now_ns, yaw_rate_radps=rate))
-
-    def yaw(self, now_ns: int) -> YawReading | None:
-        """The newest reading that has arrived; None before the first."""
-        ready_ns = now_ns - self.params.imu.latency_ns
-        while len(self._readings) > 1 and self._readings[1].time_ns <= ready_ns:
-            self._readings.pop(0)
-        if self._readings and self._readings[0].time_ns <= ready_ns:
-            return self._readings[0]
-        return None
+        """The gyroscope takes a reading."""
+        self.gyroscope.read(now_ns, self.yaw_rate_radps, self.speed_mps)
 
     def _steer(self) -> None:
-        linkage = self.params.linkage
         shaft_rad = self.steering.angle_rad / STEERING_GEAR_RATIO
-        driven_rad = shaft_rad / BAJA.steering.ratio
-        played_rad = self._played_rad
-        low_rad, high_rad = driven_rad - linkage.play_rad, driven_rad + linkage.play_rad
-        self._played_rad = played_rad = min(max(played_rad, low_rad), high_rad)
-        beyond_rad = max(0.0, abs(played_rad) - linkage.dead_zone_rad)
-        self.road_wheel_rad = math.copysign(linkage.transmission_ratio * beyond_rad, played_rad)
+        self.road_wheel_rad = self._linkage.follow(shaft_rad / BAJA.steering.ratio)
 
     def _roll(self, dt_s: float) -> None:
         """Tyres in balance at every instant: at walking speed they settle within milliseconds.

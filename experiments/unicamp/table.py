@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiments.result import Experiment
-from experiments.unicamp import circles, profile, robustness
+from experiments.unicamp import circles, profile, robustness, whole
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     Experiment(
@@ -17,6 +17,12 @@ EXPERIMENTS: tuple[Experiment, ...] = (
         title="Circles by curvature control",
         source="UNICAMP 4.1 and 6.2, Fig. 3 and 5",
         run=circles.run,
+    ),
+    Experiment(
+        id="unicamp-stack",
+        title="The circles by the whole stack",
+        source="UNICAMP 4.1 and 6.2, Fig. 5",
+        run=whole.run,
     ),
     Experiment(
         id="unicamp-robustness",

@@ -166,6 +166,11 @@ class ThreeDrives:
         """Time since power-on."""
         return self.kernel.now_ns * 1e-9
 
+    @property
+    def heading_rad(self) -> float:
+        """The car's."""
+        return self.car.heading_rad
+
     def run_for(self, span_s: float) -> None:
         """Drives on."""
         self.kernel.run_until(self.kernel.now_ns + round(span_s * 1e9))
@@ -221,7 +226,7 @@ class ThreeDrives:
             now_ns=now_ns,
             left_mps=self.clients[LEFT].velocity_rpm / RPM_PER_MPS,
             right_mps=self.clients[RIGHT].velocity_rpm / RPM_PER_MPS,
-            yaw=self.car.yaw(now_ns),
+            yaw=self.car.gyroscope.shown(now_ns),
         )
         self.targets = targets = self.driver.decide(known)
         self._values = {
@@ -231,7 +236,7 @@ class ThreeDrives:
         }
 
     def _sample(self, now_ns: int) -> None:
-        car, yaw = self.car, self.car.yaw(now_ns)
+        car, yaw = self.car, self.car.gyroscope.shown(now_ns)
         self._samples.append((
             now_ns * 1e-9, car.x_m, car.y_m, car.heading_rad, car.speed_mps, car.yaw_rate_radps,
             self.clients[LEFT].velocity_rpm / RPM_PER_MPS,

@@ -21,6 +21,7 @@ from simulation.plant.chassis import Chassis
 from simulation.plant.circuits import SafetyCircuits
 from simulation.plant.drive_train import DriveTrain
 from simulation.plant.hardware import Hardware
+from simulation.plant.linkage import Linkage
 from simulation.plant.params import GRAVITY_MPS2, NS_PER_S, PlantParams
 from simulation.plant.sensors import Encoder, NoiseSource, quantise_ratio
 from simulation.plant.state import DriverInputs, PlantFaults, Pose, Truth
@@ -62,6 +63,7 @@ class Car:
         "_hand_wheel_inertia",
         "_hardware",
         "_inverse_ratio",
+        "_linkage",
         "_motor_encoder",
         "_now_ns",
         "_road",
@@ -127,6 +129,8 @@ class Car:
         wheel_edges_per_m = sensors.wheel_pulses_per_rev * wheel_turns_per_m
         self._wheel_encoder = Encoder(wheel_edges_per_m, step_ns, timer_ns, age_ns_max, start_ns)
         self._wheel_offset_left_m = sensors.wheel_encoder_offset_left_m
+        linkage = params.linkage
+        self._linkage = None if linkage is None else Linkage(linkage)
         self._inverse_ratio = 1.0 / params.steering.column_to_road_wheel_ratio
         self._aligning_per_n = -params.steering.trail_m * self._inverse_ratio
         self._hand_wheel_inertia = params.steering.hand_wheel_inertia_kgm2
@@ -301,7 +305,9 @@ class Car:
             yaw_rate_radps=chassis.yaw_rate_radps,
             column_angle_rad=column.angle_rad,
             column_rate_radps=column.rate_radps,
-            road_wheel_angle_rad=column.angle_rad * self._inverse_ratio,
+            road_wheel_angle_rad=column.angle_rad * self._inverse_ratio
+            if self._linkage is None
+            else self._linkage.road_wheel_rad,
             servo_position_ratio=self._brakes.servo_ratio,
             brake_ratio=self._brakes.pedal_ratio,
             lateral_acceleration_mps2=chassis.accel_lateral_mps2,
@@ -325,6 +331,7 @@ class Car:
         hardware = self._hardware
         circuits = self._circuits
         column = self._column
+        linkage = self._linkage
         chassis = self._chassis
         traction = self._traction
         brakes = self._brakes
@@ -374,7 +381,10 @@ class Car:
                 servo_stuck,
                 foot_ratio,
             )
-            chassis.step(column.angle_rad * inverse_ratio, drive_n, brake_n)
+            road_wheel_rad = column.angle_rad * inverse_ratio
+            if linkage is not None:
+                road_wheel_rad = linkage.follow(road_wheel_rad)
+            chassis.step(road_wheel_rad, drive_n, brake_n)
             motor_encoder.step(begin_ns, chassis.front_wheel_speed_mps)
             wheel_encoder.step(
                 begin_ns,

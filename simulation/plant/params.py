@@ -159,6 +159,15 @@ class DriveTrainParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LinkageParams:
+    """From the steering's shaft to the road wheels; all angles at the imagined middle wheel."""
+
+    transmission_ratio: float  # of the road wheel's angle to the one that the column's ratio gives
+    play_rad: float  # hysteresis: half of what the shaft turns back before the wheels follow
+    dead_zone_rad: float  # half of what it turns about straight ahead without effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlantParams:
     """Everything the plant knows about one car."""
 
@@ -171,6 +180,7 @@ class PlantParams:
     sensors: SensorParams
     hardware: HardwareParams
     drives: DriveTrainParams | None = None
+    linkage: LinkageParams | None = None  # none: tight
 
     def __post_init__(self) -> None:
         assert self.step_ns > 0 and self.mass_kg > 0.0

@@ -18,6 +18,7 @@ KNOWN_TO_MISS = {
     "uah.path.baseline_max_error_m",
     "uah.steps.speed_4_people.overshoot_percent",
     "unicamp.circles.2_m.inverted_s",
+    "unicamp.stack.2_m.inverted_s",
 }
 """Rows whose goal is missed, as the documents say; a row that begins to meet it leaves this set."""
 

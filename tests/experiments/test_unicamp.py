@@ -113,13 +113,13 @@ def test_tyres_are_in_balance() -> None:
 
 def test_the_imu_tells_the_truth_with_its_bias_after_its_latency() -> None:
     baja = car(imu=replace(UNICAMP_PLANT.imu, noise_radps=0.0, vibration_radps=0.0))
-    assert baja.yaw(0) is None
+    assert baja.gyroscope.shown(0) is None
     baja.read_imu(0)
     baja.read_imu(10_000_000)
-    assert baja.yaw(9_999_999) is None
-    reading = baja.yaw(15_000_000)
+    assert baja.gyroscope.shown(9_999_999) is None
+    reading = baja.gyroscope.shown(15_000_000)
     assert reading == YawReading(time_ns=0, yaw_rate_radps=math.radians(0.2))
-    newest = baja.yaw(20_000_000)
+    newest = baja.gyroscope.shown(20_000_000)
     assert newest is not None and newest.time_ns == 10_000_000
 
 
