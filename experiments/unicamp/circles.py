@@ -82,22 +82,19 @@ def settling_s(run: Run, start_s: float, wanted_radps: float) -> float:
 
 
 class Car(Protocol):
-    """A car with a driver, standing.
-
-    Attributes:
-        now_s: true time.
-        heading_rad: true.
-        run: all samples so far.
-    """
+    """A car with a driver, standing."""
 
     @property
-    def now_s(self) -> float: ...
+    def now_s(self) -> float:
+        """True time."""
 
     @property
-    def heading_rad(self) -> float: ...
+    def heading_rad(self) -> float:
+        """The true one."""
 
     @property
-    def run(self) -> Run: ...
+    def run(self) -> Run:
+        """All samples so far."""
 
     def run_for(self, span_s: float) -> None:
         """Drives on."""

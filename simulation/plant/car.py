@@ -21,7 +21,6 @@ from simulation.plant.chassis import Chassis
 from simulation.plant.circuits import SafetyCircuits
 from simulation.plant.drive_train import DriveTrain
 from simulation.plant.hardware import Hardware
-from simulation.plant.linkage import Linkage
 from simulation.plant.params import GRAVITY_MPS2, NS_PER_S, PlantParams
 from simulation.plant.sensors import Encoder, NoiseSource, quantise_ratio
 from simulation.plant.state import DriverInputs, PlantFaults, Pose, Truth
@@ -62,8 +61,6 @@ class Car:
         "_end_ns",
         "_hand_wheel_inertia",
         "_hardware",
-        "_inverse_ratio",
-        "_linkage",
         "_motor_encoder",
         "_now_ns",
         "_road",
@@ -103,7 +100,7 @@ class Car:
         radius_m = params.chassis.wheel_radius_m
         self._step_ns = step_ns
         self._now_ns = self._end_ns = start_ns
-        self._column = SteeringColumn(params.steering, step_ns, sensors.torque_filter_s)
+        self._column = SteeringColumn(params)
         self._traction = Traction(params.traction, step_ns, radius_m)
         self._brakes = Brakes(params.brakes, step_ns)
         self._chassis = Chassis(params)
@@ -129,11 +126,9 @@ class Car:
         wheel_edges_per_m = sensors.wheel_pulses_per_rev * wheel_turns_per_m
         self._wheel_encoder = Encoder(wheel_edges_per_m, step_ns, timer_ns, age_ns_max, start_ns)
         self._wheel_offset_left_m = sensors.wheel_encoder_offset_left_m
-        linkage = params.linkage
-        self._linkage = None if linkage is None else Linkage(linkage)
-        self._inverse_ratio = 1.0 / params.steering.column_to_road_wheel_ratio
-        self._aligning_per_n = -params.steering.trail_m * self._inverse_ratio
-        self._hand_wheel_inertia = params.steering.hand_wheel_inertia_kgm2
+        steering = params.steering
+        self._aligning_per_n = -steering.trail_m / steering.column_to_road_wheel_ratio
+        self._hand_wheel_inertia = steering.hand_wheel_inertia_kgm2
         self._column_reading_rad = sensors.column_angle_zero_rad
         self._road = (params.chassis.friction_mu, params.chassis.slope_rad, 0.0)
         streams = rng.spawn(4)
@@ -305,9 +300,7 @@ class Car:
             yaw_rate_radps=chassis.yaw_rate_radps,
             column_angle_rad=column.angle_rad,
             column_rate_radps=column.rate_radps,
-            road_wheel_angle_rad=column.angle_rad * self._inverse_ratio
-            if self._linkage is None
-            else self._linkage.road_wheel_rad,
+            road_wheel_angle_rad=column.road_wheel_rad,
             servo_position_ratio=self._brakes.servo_ratio,
             brake_ratio=self._brakes.pedal_ratio,
             lateral_acceleration_mps2=chassis.accel_lateral_mps2,
@@ -331,14 +324,12 @@ class Car:
         hardware = self._hardware
         circuits = self._circuits
         column = self._column
-        linkage = self._linkage
         chassis = self._chassis
         traction = self._traction
         brakes = self._brakes
         motor_encoder = self._motor_encoder
         wheel_encoder = self._wheel_encoder
         aligning_per_n = self._aligning_per_n
-        inverse_ratio = self._inverse_ratio
         wheel_offset_left_m = self._wheel_offset_left_m
         step_ns = self._step_ns
         self._apply_road()
@@ -381,10 +372,7 @@ class Car:
                 servo_stuck,
                 foot_ratio,
             )
-            road_wheel_rad = column.angle_rad * inverse_ratio
-            if linkage is not None:
-                road_wheel_rad = linkage.follow(road_wheel_rad)
-            chassis.step(road_wheel_rad, drive_n, brake_n)
+            chassis.step(column.road_wheel_rad, drive_n, brake_n)
             motor_encoder.step(begin_ns, chassis.front_wheel_speed_mps)
             wheel_encoder.step(
                 begin_ns,

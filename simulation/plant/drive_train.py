@@ -161,7 +161,7 @@ class DrivenColumn(SteeringColumn):
     """The steering motor's shaft behind its gear."""
 
     def __init__(self, params: PlantParams, unit: DriveUnit, gear_ratio: float) -> None:
-        super().__init__(params.steering, params.step_ns, params.sensors.torque_filter_s)
+        super().__init__(params)
         self._unit = unit
         self._gear_ratio = gear_ratio
         self._step_ns = params.step_ns
@@ -194,6 +194,7 @@ class DrivenColumn(SteeringColumn):
         self.accel_filtered_radps2 += self._filter_gain * (
             acceleration - self.accel_filtered_radps2
         )
+        self._turn_road_wheels()
 
 
 class DrivenTraction(Traction):

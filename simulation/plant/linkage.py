@@ -8,24 +8,18 @@ from simulation.plant.params import LinkageParams
 
 
 class Linkage:
-    """A worn linkage; it remembers from which side it was last moved.
+    """A worn linkage; it remembers from which side it was last moved."""
 
-    Attributes:
-        road_wheel_rad: Angle of the imagined wheel in the middle of the front axle.
-    """
-
-    __slots__ = ("_params", "_played_rad", "road_wheel_rad")
+    __slots__ = ("_params", "_played_rad")
 
     def __init__(self, params: LinkageParams) -> None:
         self._params = params
         self._played_rad = 0.0
-        self.road_wheel_rad = 0.0
 
     def follow(self, driven_rad: float) -> float:
-        """The road wheels' angle when the shaft is where a tight linkage would have them so."""
+        """The road wheels' angle (of the imagined middle one) for what a tight linkage gives."""
         params = self._params
         low_rad, high_rad = driven_rad - params.play_rad, driven_rad + params.play_rad
         self._played_rad = played_rad = min(max(self._played_rad, low_rad), high_rad)
         beyond_rad = max(0.0, abs(played_rad) - params.dead_zone_rad)
-        self.road_wheel_rad = copysign(params.transmission_ratio * beyond_rad, played_rad)
-        return self.road_wheel_rad
+        return copysign(params.transmission_ratio * beyond_rad, played_rad)

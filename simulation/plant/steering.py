@@ -1,6 +1,7 @@
-"""Steering column: EPS motor, friction, aligning torque and end stops."""
+"""Steering column: EPS motor, friction, aligning torque, end stops, and the way to the wheels."""
 
-from simulation.plant.params import NS_PER_S, SteeringColumnParams
+from simulation.plant.linkage import Linkage
+from simulation.plant.params import NS_PER_S, PlantParams
 
 
 class SteeringColumn:
@@ -21,6 +22,8 @@ class SteeringColumn:
         "_filter_gain",
         "_friction_slope",
         "_inverse_inertia",
+        "_inverse_ratio",
+        "_linkage",
         "_scrub_nm",
         "_scrub_speed_mps",
         "_stall_nm",
@@ -28,10 +31,12 @@ class SteeringColumn:
         "accel_filtered_radps2",
         "angle_rad",
         "rate_radps",
+        "road_wheel_rad",
     )
 
-    def __init__(self, params: SteeringColumnParams, step_ns: int, torque_filter_s: float) -> None:
-        self._dt_s = dt_s = step_ns / NS_PER_S
+    def __init__(self, car: PlantParams) -> None:
+        params = car.steering
+        self._dt_s = dt_s = car.step_ns / NS_PER_S
         self._inverse_inertia = 1.0 / (params.column_inertia_kgm2 + params.hand_wheel_inertia_kgm2)
         self._stall_nm = params.motor_stall_torque_nm
         back_emf = params.motor_stall_torque_nm / params.motor_no_load_speed_radps
@@ -43,13 +48,16 @@ class SteeringColumn:
         self._scrub_speed_mps = params.scrub_speed_mps
         self._friction_slope = params.scrub_torque_nm / params.scrub_speed_mps
         self._stop_rad = params.end_stop_rad
-        self._filter_gain = dt_s / (dt_s + torque_filter_s)
-        self._delay_length = max(1, round(params.dead_time_ns / step_ns))
+        self._filter_gain = dt_s / (dt_s + car.sensors.torque_filter_s)
+        self._delay_length = max(1, round(params.dead_time_ns / car.step_ns))
         self._delayed_duty = [0.0] * self._delay_length
         self._delay_index = 0
         self.angle_rad = 0.0
         self.rate_radps = 0.0
         self.accel_filtered_radps2 = 0.0
+        self._inverse_ratio = 1.0 / params.column_to_road_wheel_ratio
+        self._linkage = None if car.linkage is None else Linkage(car.linkage)
+        self.road_wheel_rad = 0.0
 
     def step(
         self,
@@ -111,3 +119,9 @@ class SteeringColumn:
         self.accel_filtered_radps2 = filtered + self._filter_gain * (
             (rate - rate_old) / dt_s - filtered
         )
+        self._turn_road_wheels()
+
+    def _turn_road_wheels(self) -> None:
+        tight_rad = self.angle_rad * self._inverse_ratio
+        linkage = self._linkage
+        self.road_wheel_rad = tight_rad if linkage is None else linkage.follow(tight_rad)

@@ -95,7 +95,7 @@ def test_column_stops_at_its_end_stops(car: Car, drive: Drive) -> None:
 
 
 def test_duty_from_before_an_open_output_never_acts_after_it() -> None:
-    column = SteeringColumn(STEERING, 2_000_000, 0.01)
+    column = SteeringColumn(TABBY_EVO)
     for duty, powered in ((1.0, True), (1.0, False), (0.0, True)):
         for _ in range(9):  # the dead time is ten steps
             column.step(duty, powered, 0.0, 0.0, 0.0)

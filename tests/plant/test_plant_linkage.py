@@ -21,7 +21,6 @@ def test_the_wheels_follow_behind_play_and_dead_zone() -> None:
     linkage, found = Linkage(WORN), []
     for driven_deg in (1.4, 1.6, 6.0, 4.1, 3.0, -1.4, -6.0):
         found.append(math.degrees(linkage.follow(math.radians(driven_deg))))
-        assert linkage.road_wheel_rad == math.radians(found[-1])
     tight_deg = [0.0, 0.1, 4.5, 4.5, 3.5, 0.0, -4.5]
     assert found == pytest.approx([0.9 * angle_deg for angle_deg in tight_deg], abs=1e-9)
 

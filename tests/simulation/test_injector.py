@@ -443,6 +443,7 @@ def test_a_weak_brake_servo_is_found_while_it_brakes() -> None:
 def test_a_slow_actuator_lags() -> None:
     fast, slow = Case(2.0), Case(2.0).inject(K.ACTUATOR_SLOW, "Throttle", value=1.0)
     for case in (fast, slow):
+        case.run(2.0)  # it lags behind what it is told from now on
         case.drive.speed_mps = 5.0
         case.run(0.6)
     assert slow.drive.speed < fast.drive.speed - 0.05
