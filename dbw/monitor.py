@@ -139,11 +139,14 @@ def run_monitor(options: MonitorOptions) -> int:
     from dbw.demo import interrupt_on_sigterm
     from telemetry.monitor.meaning import Interpreter
     from telemetry.monitor.selection import select
+    from vehicles import load_vehicle
 
     sources = sources_of(options.buses)
     _check_combination(options)
     catalogue = catalogue_of(options.dbc, relaxed=options.relaxed)
-    interpreter = Interpreter(catalogue, canopen=options.canopen)
+    vehicle = load_vehicle(options.vehicle)
+    drives = {} if vehicle.drives is None else vehicle.drives.names
+    interpreter = Interpreter(catalogue, canopen=options.canopen, drives=drives)
     selection = select(
         catalogue,
         sources,
@@ -160,7 +163,7 @@ def run_monitor(options: MonitorOptions) -> int:
                 interpreter=interpreter,
                 selection=selection,
                 channels=channels_of(sources),
-                bitrate_bps=options.bitrate_bps or _vehicle_bitrate_bps(options.vehicle),
+                bitrate_bps=options.bitrate_bps or round(vehicle.bus.bitrate_bps),
                 with_colours=wants_colours(options.colour),
             )
         return _write_lines(options, interpreter, selection)
@@ -193,12 +196,6 @@ def catalogue_of(dbc: Sequence[str], *, relaxed: bool) -> Catalogue:
     for note in databases.notes:
         click.echo(f"dbw: {note}", err=True)
     return Catalogue(databases)
-
-
-def _vehicle_bitrate_bps(vehicle: str) -> int:
-    from vehicles import load_vehicle
-
-    return round(load_vehicle(vehicle).bus.bitrate_bps)
 
 
 def wants_colours(colour: str) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 STOP_MARGIN = 3
 """The servo's on-time limit is at least this many times the longest stop (design, ER3)."""
@@ -151,6 +151,9 @@ class BusSettings:
     foreign_id_max: float = number(0, 0x7FF)
 
 
+DRIVE_NAMES: Final = ("SteeringDrive", "LeftWheelDrive", "RightWheelDrive")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drives:
     """Motor drives of CiA 402 on the bus, in place of what is wired to steer and throttle ECU.
@@ -168,6 +171,11 @@ class Drives:
     def node_ids(self) -> tuple[int, ...]:
         """All of them: steering, left and right rear wheel."""
         return self.steering_node_id, self.left_wheel_node_id, self.right_wheel_node_id
+
+    @property
+    def names(self) -> dict[int, str]:
+        """What people call them, by node id."""
+        return dict(zip(self.node_ids, DRIVE_NAMES, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

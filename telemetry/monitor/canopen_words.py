@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from typing import Final
 
 from canbus.canopen_protocol import (
@@ -28,6 +29,8 @@ PDO_IDS: Final = {
 }  # fmt: skip
 EMCY_DEVICE: Final = 0xFF00
 """Emergency codes from here on are the device's own; ours are this and the number of ERn."""
+
+NO_DRIVES: Final[Mapping[int, str]] = {}
 
 _NODE_MASK: Final = 0x7F
 _EMCY: Final = struct.Struct("<HBBBB")
@@ -56,15 +59,19 @@ class CanopenWords:
 
     Args:
         is_own: Whether nodes, EMCY's manufacturer bytes and objects are this project's.
+        drives: Names of the car's motor drives, by node id.
     """
 
-    def __init__(self, *, is_own: bool = True) -> None:
+    def __init__(self, *, is_own: bool = True, drives: Mapping[int, str] = NO_DRIVES) -> None:
         self._is_own = is_own
+        self._drives = drives
+        self._names = {**(_NODE_NAMES if is_own else {}), **drives}
 
     def say(self, can_id: int, data: bytes) -> str | None:
         """The words for a data frame with an 11-bit identifier; None if it is none of CANopen's.
 
-        A PDO's words are only its number and node: what it carries, the DBC says.
+        A PDO's words are only its number and node, unless it is a drive's: what it carries, the DBC
+        says.
         """
         node_id, function = can_id & _NODE_MASK, can_id & ~_NODE_MASK
         if can_id == NMT_ID:
@@ -80,12 +87,20 @@ class CanopenWords:
         if function in (SDO_RESPONSE_ID, SDO_REQUEST_ID):
             return self._sdo(node_id, data, is_request=function == SDO_REQUEST_ID)
         if function in PDO_IDS:
-            return f"{PDO_IDS[function]} of {self._node(node_id)}"
+            return self._pdo(function, node_id, data)
         return None
 
     def _node(self, node_id: int) -> str:
-        name = _NODE_NAMES.get(node_id) if self._is_own else None
-        return name or f"node {node_id}"
+        return self._names.get(node_id) or f"node {node_id}"
+
+    def _pdo(self, function: int, node_id: int, data: bytes) -> str:
+        words = f"{PDO_IDS[function]} of {self._node(node_id)}"
+        if node_id not in self._drives:
+            return words
+        from telemetry.monitor.drive_words import drive_words
+
+        said = drive_words(function, data)
+        return words if said is None else f"{words}: {said}"
 
     def _nmt(self, data: bytes) -> str:
         if len(data) != 2 or data[1] > NODE_ID_MAX:
@@ -125,7 +140,8 @@ class CanopenWords:
         from telemetry.monitor.sdo_words import sdo_words  # reads EDS files
 
         node = self._node(node_id)
-        said = sdo_words(data, node if self._is_own else "", is_request=is_request)
+        device = "Drive" if node_id in self._drives else node if self._is_own else ""
+        said = sdo_words(data, device, is_request=is_request)
         return f"SDO {'to' if is_request else 'from'} {node}: {said}"
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from canbus.frame import CAN_ID_MAX
 from canbus.heard import REMOTE_FLAG, Heard
-from telemetry.monitor.canopen_words import PDO_IDS, CanopenWords
+from telemetry.monitor.canopen_words import NO_DRIVES, PDO_IDS, CanopenWords
 from telemetry.monitor.error_words import error_words
 from telemetry.monitor.known import NO_CONTENT, Catalogue, Content, Known
 
@@ -38,12 +39,21 @@ class Interpreter:
         catalogue: The messages that are known.
         canopen: Whether the bus is a CANopen network (the predefined connection set); None for
             one that carries this project's messages.
+        drives: Names of the car's motor drives, by node id.
     """
 
-    def __init__(self, catalogue: Catalogue, *, canopen: bool | None = None) -> None:
+    def __init__(
+        self,
+        catalogue: Catalogue,
+        *,
+        canopen: bool | None = None,
+        drives: Mapping[int, str] = NO_DRIVES,
+    ) -> None:
         self.catalogue = catalogue
         is_canopen = catalogue.has_own if canopen is None else canopen
-        self._canopen = CanopenWords(is_own=catalogue.has_own) if is_canopen else None
+        self._canopen = (
+            CanopenWords(is_own=catalogue.has_own, drives=drives) if is_canopen else None
+        )
 
     def known(self, heard: Heard) -> Known | None:
         """The message of a frame, remote or not; None for an unknown one and for errors."""

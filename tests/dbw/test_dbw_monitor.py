@@ -59,6 +59,18 @@ def test_a_log_is_shown_with_its_meaning(capsys: Capture, log: str) -> None:
     assert lines[3].endswith("ERRORFRAME  BUS-OFF")
 
 
+def test_the_drives_of_a_car_are_told_by_name(capsys: Capture, tmp_path: Path) -> None:
+    path = tmp_path / "drives.log"
+    path.write_text("(1.000000) vcan0 313#0F00FA040000\n", encoding="ascii")
+    lines, _ = run(capsys, "--log", str(path), "--vehicle", "baja_5b")
+    assert lines[0].endswith(
+        "RPDO2 of RightWheelDrive: enable operation; target velocity 1274 rpm"
+    )
+    lines, _ = run(capsys, "--log", str(path))
+    assert lines[0].endswith("RPDO2 of node 19")
+    assert run(capsys, "--log", str(path), "--vehicle", "beetle", code=2)[1].count("\n") == 1
+
+
 def test_the_log_format_gives_the_log_back(capsys: Capture, log: str) -> None:
     lines, _ = run(capsys, "-L", "--log", log)
     assert lines == LOG.replace("(1.", "(0000000001.").splitlines()

@@ -57,6 +57,42 @@ def test_frames_of_the_predefined_connection_set(
     assert said(can_id, data) == words
 
 
+DRIVES = CanopenWords(drives={0x11: "SteeringDrive", 0x12: "LeftWheelDrive"})
+
+
+@pytest.mark.parametrize(
+    ("can_id", "data", "words"),
+    [
+        (0x191, "37 06 DC FE FF FF 01",
+         "TPDO1 of SteeringDrive: operation enabled, target reached; position -292, "
+         "profile position"),
+        (0x191, "08 02 00 00 00 00 00", "TPDO1 of SteeringDrive: fault; position 0, none"),
+        (0x191, "6F 02 00 00 00 00 09",
+         "TPDO1 of SteeringDrive: status 0x026F; position 0, mode 9"),
+        (0x292, "37 02 90 01 00 00 38 FF",
+         "TPDO2 of LeftWheelDrive: operation enabled; velocity 400 rpm, current -200 mA"),
+        (0x211, "3F 00 10 27 00 00",
+         "RPDO1 of SteeringDrive: enable operation, new setpoint; target position 10000"),
+        (0x211, "06 01 00 00 00 00", "RPDO1 of SteeringDrive: shutdown; target position 0"),
+        (0x312, "0F 01 9C FF FF FF",
+         "RPDO2 of LeftWheelDrive: enable operation, halt; target velocity -100 rpm"),
+        (0x312, "80 00 00 00 00 00",
+         "RPDO2 of LeftWheelDrive: fault reset; target velocity 0 rpm"),
+        (0x191, "37 06", "TPDO1 of SteeringDrive: malformed"),
+        (0x391, "37 06", "TPDO3 of SteeringDrive"),
+        (0x711, "05", "heartbeat of SteeringDrive: operational"),
+        (0x712, "00", "boot-up of LeftWheelDrive"),
+        (0x611, "40 81 60 00 00 00 00 00",
+         "SDO to SteeringDrive: read 0x6081:00 Profile velocity"),
+        (0x091, "11 86 20 00 00 00 00 00",
+         "EMCY of SteeringDrive: 0x8611 monitoring, register 0x20, 00 00 00 00 00"),
+        (0x182, "", "TPDO1 of Steering"),
+    ],
+)
+def test_a_drive_s_frames_tell_what_it_does(can_id: int, data: str, words: str) -> None:
+    assert said(can_id, data, DRIVES) == words
+
+
 @pytest.mark.parametrize("command", list(NmtCommand))
 def test_every_nmt_command_has_words(command: NmtCommand) -> None:
     text = OWN.say(0, nmt_frame(command, 0).data)
