@@ -11,18 +11,19 @@ differential evolution over the same numbers had ended.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Final
 
 from experiments.response import StepFigures
+from experiments.search import NEAR, Point, Score, Search, tell
 from experiments.uah.baseline import (
     PAPER_SPEED,
     PAPER_STEERING,
     paper_speed_step,
     paper_steering_step,
 )
-from experiments.uah.paper_board import PaperGains
+from experiments.uah.paper_board import PERIOD_NS, PaperGains
 from experiments.uah.plant import (
     PAPER_GAINS,
     SPEED_WAIT_NS,
@@ -31,37 +32,18 @@ from experiments.uah.plant import (
 )
 
 FITTED: Final = ("dead_time_s", "rise_s", "settling_s", "overshoot_percent")
-NEAR: Final = 0.10
-"""The goal: a figure off by more than this is missed."""
 LAG: Final = "torque_lag_s"
 WAIT: Final = "wait_ns"
 GAINS: Final = frozenset(field.name for field in fields(PaperGains))
 NEVER: Final = (99, 99.0)
 """Of a loop that does not settle."""
 
-Point = dict[str, float]
-Score = tuple[int, float]
-"""Figures missed, and the sum of squares of their relative errors; less is better."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Loop:
+class Loop(Search):
     """What is fitted of one loop."""
 
-    start: Point
-    steps: Point
-    """Of each number, to either side."""
-    pinned: Point
-    """As in `plant.py`; numbers of the other loop may be among them."""
     figures_of: Callable[[Point], list[tuple[StepFigures, StepFigures]]]
     """The paper's figures and those of a point, for each response."""
-
-    def neighbours(self, point: Point) -> Iterator[Point]:
-        """A step along each number to either side, within what makes sense."""
-        for name, step in self.steps.items():
-            for value in (point[name] - step, point[name] + step):
-                if value > 0.0 and (name != WAIT or value <= 100e6):
-                    yield {**point, name: value}
 
     def score(self, point: Point) -> Score:
         """How well a point fits."""
@@ -74,18 +56,6 @@ class Loop:
         missed = sum(abs(error) > NEAR for error in errors)
         missed += sum(found.steady_error > paper.steady_error for paper, found in pairs)
         return missed, sum(error * error for error in errors)
-
-    def walk(self, point: Point) -> Iterator[tuple[Point, Score]]:
-        """From a point to ever better ones."""
-        score = self.score(point)
-        yield point, score
-        while True:
-            scored = [(self.score(other), other) for other in self.neighbours(point)]
-            best, other = min(scored, key=lambda pair: pair[0])
-            if best >= score:
-                return
-            point, score = other, best
-            yield point, score
 
 
 def gains_of(point: Point) -> PaperGains:
@@ -123,6 +93,7 @@ STEERING: Final = Loop(
         WAIT: 10e6,
     },
     pinned={**asdict(PAPER_GAINS), WAIT: float(STEERING_WAIT_NS)},
+    highest={WAIT: PERIOD_NS},
     figures_of=steering_figures,
 )
 SPEED: Final = Loop(
@@ -136,6 +107,7 @@ SPEED: Final = Loop(
     pinned={
         **asdict(PAPER_GAINS), LAG: UAH_PAPER.traction.torque_lag_s, WAIT: float(SPEED_WAIT_NS)
     },
+    highest={WAIT: PERIOD_NS},
     figures_of=speed_figures,
 )
 LOOPS: Final = {"steering": STEERING, "speed": SPEED}
@@ -144,9 +116,8 @@ LOOPS: Final = {"steering": STEERING, "speed": SPEED}
 def main() -> int:
     """Walks, and tells each step."""
     for name, loop in LOOPS.items():
-        for point, (missed, squares) in loop.walk(loop.start):
-            numbers = ", ".join(f"{field} {value:.4g}" for field, value in point.items())
-            sys.stdout.write(f"{name}: {missed} missed, {squares:.4f}: {numbers}\n")
+        for line in tell(name, loop):
+            sys.stdout.write(f"{line}\n")
     return 0
 
 

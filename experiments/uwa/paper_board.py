@@ -45,8 +45,8 @@ class PidGains:
     derivative_s: float
 
 
-GAINS: Final = PidGains(proportional=0.031, integral_per_s=0.0133, derivative_s=0.003)
-"""Fitted by differential evolution, with the sensor's zero, to Table 3 and to the R^2 of Fig. 9."""
+GAINS: Final = PidGains(proportional=0.030, integral_per_s=0.0133, derivative_s=0.002)
+"""Fitted by `experiments.uwa.fit`, with the sensor's zero, to Table 3 and to the R^2 of Fig. 9."""
 
 
 def steer_byte(column_rad: float) -> int:

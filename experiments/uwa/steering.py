@@ -30,8 +30,10 @@ from experiments.uah.paper_board import Run
 from experiments.uah.silence import after
 from experiments.uwa.paper_board import (
     COLUMN_RAD_MAX,
+    GAINS,
     STEER_MAX,
     STEER_MIN,
+    PidGains,
     UwaBoard,
     steer_byte,
 )
@@ -95,9 +97,9 @@ class Found:
         return 1.0 - float(rest.var() / self.angles_deg.var())
 
 
-def board_in(car: Car) -> Turn:
+def board_in(car: Car, gains: PidGains = GAINS) -> Turn:
     """UWA's board."""
-    board = UwaBoard(car)
+    board = UwaBoard(car, gains)
 
     def turn(command: int) -> Run:
         board.tell(steer=command)
@@ -235,13 +237,13 @@ def _robustness() -> TableOfWords:
 _NOTES = (
     "The paper does not tell what its errors come from, nor gains, order and waiting times. Here "
     "the wheel stands where the motor can no longer overcome the scrub of the standing tyres, and "
-    "the sensor's zero is off by a sixth of a degree of road wheel. The PID's three gains and that "
-    "zero were fitted together to the three errors of Table 3 and to R^2; the motor's free speed "
-    "to 190 deg/s. The hall sensor itself is taken as straight, but for the 10 bits of the Uno.",
+    "the sensor's zero is off by a seventh of a degree of road wheel. The PID's three gains and "
+    "that zero are fitted together to the three errors of Table 3, R^2 and 190 deg/s "
+    "(experiments/uwa/fit.py), after the motor's free speed to 190 deg/s. The hall sensor itself "
+    "is taken as straight, but for the 10 bits of the Uno.",
     "Ours has the same sensor, zero and motor; the zero is calibrated before (dbw calibrate, a "
-    "simulated straight roll), as the paper's is not; without that, its 0.18 deg of road wheel "
-    "would come on top, and the error at 15 deg would be a little more than a third of the "
-    "baseline's. "
+    "simulated straight roll), as the paper's is not; without that, its 0.15 deg of road wheel "
+    "would come on top. "
     "Its reference obeys rate and acceleration limits, so that it arrives slowly: 3.0 rad/s "
     "(172 deg/s) at most by the vehicle file, below what the motor can. Its gains are those of a "
     "grid over eight cars (experiments/uwa/tuning.py).",

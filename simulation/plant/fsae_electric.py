@@ -64,6 +64,6 @@ def as_measured(pattern: PlantParams) -> PlantParams:
             # assumption: half a step of the ADC
             column_angle_noise_rad=0.5 * ADC_STEP_RAD,
             # fitted to UWA Table 3: the errors to both sides differ
-            column_angle_zero_rad=0.016,
+            column_angle_zero_rad=0.013,
         ),
     )

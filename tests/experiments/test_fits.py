@@ -1,11 +1,13 @@
-"""The numbers of UAH's plant and board are what the fit finds."""
+"""The numbers of the papers' plants and boards are what the fits find."""
 
 from __future__ import annotations
 
 import pytest
 
 from experiments.response import StepFigures
+from experiments.search import tell
 from experiments.uah.fit import LOOPS, NEVER, WAIT, Loop
+from experiments.uwa.fit import PID
 
 
 def figures(settling_s: float, error: float = 0.0) -> StepFigures:
@@ -15,7 +17,7 @@ def figures(settling_s: float, error: float = 0.0) -> StepFigures:
 
 def test_a_walk_goes_to_the_better_neighbour_and_ends_where_there_is_none() -> None:
     loop = Loop(
-        start={"a": 1.0, WAIT: 50e6}, steps={"a": 1.0, WAIT: 10e6}, pinned={},
+        start={"a": 1.0, WAIT: 50e6}, steps={"a": 1.0, WAIT: 10e6}, pinned={}, highest={WAIT: 90e6},
         figures_of=lambda point: [
             (figures(10.0), figures(10.0 + abs(point["a"] - 3.0) + abs(point[WAIT] - 70e6) * 1e-8))
         ],
@@ -23,6 +25,10 @@ def test_a_walk_goes_to_the_better_neighbour_and_ends_where_there_is_none() -> N
     points = [point for point, _ in loop.walk(loop.start)]
     assert points[0] == loop.start and points[-1] == {"a": 3.0, WAIT: 70e6}
     assert {"a": 0.0, WAIT: 50e6} not in list(loop.neighbours(loop.start))
+    assert {"a": 1.0, WAIT: 100e6} not in list(loop.neighbours({"a": 1.0, WAIT: 90e6}))
+    told = list(tell("it", loop))
+    assert len(told) == len(points) and all(line.startswith("it: ") for line in told)
+    assert told[-1].endswith("a 3, wait_ns 7e+07")
 
 
 def test_a_missed_figure_counts_more_than_any_sum_and_no_response_most() -> None:
@@ -55,3 +61,14 @@ def test_the_walk_ends_at_what_is_pinned(name: str) -> None:
     loop = LOOPS[name]
     *_, (point, _) = loop.walk(loop.start)
     assert point == pytest.approx({field: loop.pinned[field] for field in point}, rel=1e-9)
+
+
+def test_uwas_pinned_numbers_miss_nothing_and_are_better_than_the_start() -> None:
+    pinned = PID.score(PID.pinned)
+    assert pinned[0] == 0 and pinned < PID.score(PID.start)
+
+
+@pytest.mark.slow
+def test_the_walk_of_uwas_numbers_ends_at_what_is_pinned() -> None:
+    *_, (point, _) = PID.walk(PID.start)
+    assert point == pytest.approx(PID.pinned, rel=1e-9)
