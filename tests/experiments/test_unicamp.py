@@ -14,6 +14,7 @@ from experiments.chance import generator
 from experiments.uah.tuning import Gains, Grid, candidates
 from experiments.unicamp.circles import circle_radius_m, settling_s
 from experiments.unicamp.corners import corners, radius_m_min
+from experiments.unicamp.drive_bus import LEFT, STEER
 from experiments.unicamp.drivers import OurDriver, PaperDriver, PaperGains
 from experiments.unicamp.plant import BAJA, STEERING_GEAR_RATIO, UNICAMP_PLANT, Baja
 from experiments.unicamp.profile import delay_s, profile_mps, steady_error_percent
@@ -28,7 +29,7 @@ from experiments.unicamp.tuning import (
     ours,
     papers,
 )
-from experiments.unicamp.wire import LEFT, RPM_PER_MPS, STEER, Driver, Known, ThreeDrives
+from experiments.unicamp.wire import RPM_PER_MPS, Driver, Known, ThreeDrives
 from gateway.curvature_control import YawReading
 from simulation.drives.motor import EC45, RE50
 

@@ -3,102 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
 
-from canbus.canopen_protocol import NmtCommand, NmtState, nmt_frame
-from canbus.cia402 import RPM_PER_RADPS, OperationMode
+from canbus.cia402 import RPM_PER_RADPS
 from canbus.cia402_power import PowerState
-from canbus.drive_client import DriveClient, DriveTrouble, DriveWish
-from canbus.frame import Frame, ReceivedFrame
-from canbus.node import NODE_IDS
+from canbus.drive_client import DriveTrouble
+from experiments.unicamp.drive_bus import LEFT, RIGHT, STEER, DriveBus, drive_name
 from gateway.kinematics import Kinematics
 from gateway.motion_commands import decide_cmd_vel
-from simulation.drives.drive import EposDrive
 from simulation.drives.motor import COUNTS_PER_REV, EC45, RE50, Motor
-from simulation.kernel import Kernel
-from simulation.wire import Receiver, Wire
 from vehicles import load_vehicle
 
 MS = 1_000_000
 BAJA = load_vehicle("baja_5b")
 KIN = Kinematics.of(BAJA.geometry, BAJA.steering)
-STEER, LEFT, RIGHT = 0x11, 0x12, 0x13
 STEERING_GEAR = 10.0
 """Turns of the steering motor to one of its gear's shaft: this test's own."""
 
 
-class Everyone:
+class Everyone(DriveBus):
     """The wire with three drives, the two nodes, and a supervisor that starts the drives."""
 
     def __init__(self) -> None:
-        self.kernel = Kernel()
-        self.wire = Wire(self.kernel, round(BAJA.bus.bitrate_bps))
         self.motors = {STEER: Motor(EC45), LEFT: Motor(RE50), RIGHT: Motor(RE50)}
-        self.drives = {node_id: EposDrive(node_id, motor) for node_id, motor in self.motors.items()}
-        steering, throttle = NODE_IDS["Steering"], NODE_IDS["Throttle"]
-        position, velocity = OperationMode.PROFILE_POSITION, OperationMode.PROFILE_VELOCITY
-        self.clients = {
-            STEER: DriveClient(STEER, steering, position),
-            LEFT: DriveClient(LEFT, throttle, velocity),
-            RIGHT: DriveClient(RIGHT, throttle, velocity),
-        }
-        self.targets = dict.fromkeys(self.clients, 0)
-        self.dead: set[str] = set()
-        for node_id, drive in self.drives.items():
-            self._attach(f"drive {node_id:#x}", MS, self._drive_step(drive))
-        self._attach("Steering", 10 * MS, self._node_step(steering, [STEER]))
-        self._attach("Throttle", 10 * MS, self._node_step(throttle, [LEFT, RIGHT]))
-
-    def _attach(
-        self, name: str, period_ns: int, step: Callable[[int, list[ReceivedFrame]], list[Frame]]
-    ) -> None:
-        station = Receiver(name)
-        self.wire.attach(station)
-
-        def cycle(now_ns: int) -> None:
-            self.kernel.at(now_ns + period_ns, 1, cycle)
-            heard, station.inbox = station.inbox, []
-            if name not in self.dead:
-                received = [ReceivedFrame(time_ns, frame) for time_ns, frame in heard]
-                self.wire.send(now_ns, name, step(now_ns, received))
-
-        self.kernel.at(period_ns, 1, cycle)
-
-    def _drive_step(
-        self, drive: EposDrive
-    ) -> Callable[[int, list[ReceivedFrame]], list[Frame]]:
-        return lambda now_ns, received: drive.step(now_ns, [item.frame for item in received])
-
-    def _node_step(
-        self, own_id: int, node_ids: list[int]
-    ) -> Callable[[int, list[ReceivedFrame]], list[Frame]]:
-        def step(now_ns: int, received: list[ReceivedFrame]) -> list[Frame]:
-            frames = []
-            for node_id in node_ids:
-                client, target = self.clients[node_id], self.targets[node_id]
-                frames += client.step(now_ns, received, DriveWish.FOLLOW, target)
-            if now_ns % (50 * MS) == 0:
-                frames.append(Frame(0x700 + own_id, bytes((NmtState.OPERATIONAL,))))
-            return frames
-
-        return step
-
-    def begin(self) -> None:
-        self.run_for(0.3)
-        self.wire.send(self.kernel.now_ns, "Supervisor", [nmt_frame(NmtCommand.START, 0)])
-        self.run_for(0.2)
-        assert all(client.is_following for client in self.clients.values())
-
-    def run_for(self, span_s: float) -> None:
-        self.kernel.run_until(self.kernel.now_ns + round(span_s * 1e9))
+        super().__init__(self.motors, drive_period_ns=MS)
 
     def drive_circle(self, speed_mps: float, yaw_rate_radps: float) -> None:
         decision = decide_cmd_vel(BAJA, speed_mps=speed_mps, yaw_rate_radps=yaw_rate_radps)
         wheels = KIN.rear_wheel_speeds_mps(decision.speed_mps, decision.curvature_per_m)
         shaft_rad = KIN.steering_wheel_angle_rad(decision.curvature_per_m)
-        self.targets = {
+        self.values = {
             STEER: round(shaft_rad * STEERING_GEAR * COUNTS_PER_REV / math.tau),
             LEFT: rpm(wheels.left_mps),
             RIGHT: rpm(wheels.right_mps),
@@ -118,7 +53,7 @@ def rpm(wheel_mps: float) -> int:
 @pytest.mark.parametrize("radius_m", [1.6, 2.0, -1.6, -2.0])
 def test_cmd_vel_turns_three_motors_as_the_circle_wants(radius_m: float) -> None:
     everyone = Everyone()
-    everyone.begin()
+    everyone.start()
     everyone.drive_circle(0.4, 0.4 / radius_m)
     everyone.run_for(1.5)
     left, right = everyone.wheel_mps(LEFT), everyone.wheel_mps(RIGHT)
@@ -130,7 +65,7 @@ def test_cmd_vel_turns_three_motors_as_the_circle_wants(radius_m: float) -> None
 
 def test_a_throttle_node_that_dies_stops_both_wheels_and_not_the_steering() -> None:
     everyone = Everyone()
-    everyone.begin()
+    everyone.start()
     everyone.drive_circle(0.4, 0.25)
     everyone.run_for(1.0)
     everyone.dead.add("Throttle")
@@ -143,10 +78,10 @@ def test_a_throttle_node_that_dies_stops_both_wheels_and_not_the_steering() -> N
 
 def test_a_drive_that_dies_is_the_trouble_of_its_node_alone() -> None:
     everyone = Everyone()
-    everyone.begin()
+    everyone.start()
     everyone.drive_circle(0.4, 0.25)
     everyone.run_for(1.0)
-    everyone.dead.add(f"drive {LEFT:#x}")
+    everyone.dead.add(drive_name(LEFT))
     everyone.run_for(0.09)
     troubles = {node_id: client.trouble for node_id, client in everyone.clients.items()}
     assert troubles == {STEER: None, LEFT: DriveTrouble.SILENT, RIGHT: None}
@@ -154,7 +89,7 @@ def test_a_drive_that_dies_is_the_trouble_of_its_node_alone() -> None:
 
 def test_three_drives_take_less_than_a_third_of_the_wire_and_no_errors() -> None:
     everyone = Everyone()
-    everyone.begin()
+    everyone.start()
     everyone.drive_circle(0.4, 0.25)
     busy_ns, start_ns = everyone.wire.busy_ns, everyone.kernel.now_ns
     everyone.run_for(1.0)
