@@ -240,13 +240,14 @@ def run_node_process(settings: ProcessSettings, report: Report) -> NodeResult:
     wires = build_wires(settings.name)
     bus = settings.vehicle_bus(vehicle, node.acceptance)
     harness = settings.harness_bus(vehicle, wires.acceptance)
+    keep_collections_short()  # at the priority it would hold up the nodes that run already
     complaint = apply_realtime(settings.realtime)
     if complaint is not None:
         now_ns = monotonic_ns()
         report(Event(time_ns=now_ns, node=node.name, kind=EventKind.STATE, text=complaint))
     service = ServiceNotify(os.environ)
     with StopRequest() as stop, bus, harness:
-        keep_collections_short()
+        keep_collections_short()  # once more, of what opening the buses has loaded
         result = run_node(
             node,
             bus,

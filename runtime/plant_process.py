@@ -312,6 +312,7 @@ def run_plant_process(
     """
     vehicle = settings.load_vehicle()
     bus = settings.harness_bus(vehicle, ACCEPTANCE)
+    keep_collections_short()  # at the priority it would hold up the nodes that run already
     apply_realtime(settings.realtime)
     start_ns = monotonic_ns()
     car = build_car(vehicle, seed=seed, start_pose=start_pose, start_ns=start_ns)
@@ -325,7 +326,7 @@ def run_plant_process(
             vehicle_bus = open_buses.enter_context(
                 settings.vehicle_bus(vehicle, plant.drive_acceptance)
             )
-        keep_collections_short()
+        keep_collections_short()  # once more, of what opening the buses has loaded
         result = run_plant(
             plant, bus, monotonic_ns, stop, report, alive=service.alive, vehicle_bus=vehicle_bus
         )

@@ -9,6 +9,8 @@ from collections.abc import Collection
 
 import pytest
 
+from canbus.bus import BusError
+from runtime import node_process, plant_process
 from runtime.errors import LaunchError
 from runtime.node_process import run_node_process
 from runtime.plant_process import run_plant_process
@@ -127,6 +129,26 @@ def test_a_process_that_is_refused_ends_before_it_opens_a_bus(system: System, ru
     assert callable(run)
     with pytest.raises(LaunchError, match="fifo:50: refused"):
         run(settings, lambda event: None)
+
+
+@pytest.mark.parametrize(
+    ("run", "module"), [(run_node_process, node_process), (run_plant_process, plant_process)]
+)
+def test_garbage_is_collected_before_the_priority_is_taken(
+    run: object, module: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full collection takes tens of ms: at the priority no other node of its processor runs."""
+    done: list[str] = []
+    monkeypatch.setattr(module, "keep_collections_short", lambda: done.append("collected"))
+    monkeypatch.setattr(module, "apply_realtime", lambda _: done.append("real time"))
+    settings = ProcessSettings(
+        name="steering", vehicle="tabby_evo", interface="nosuchbus", channel="a",
+        harness_channel="b",
+    )  # fmt: skip
+    assert callable(run)
+    with pytest.raises(BusError):
+        run(settings, lambda event: None)
+    assert done == ["collected", "real time"]
 
 
 def test_the_command_line_of_a_child_says_the_same_as_the_settings() -> None:

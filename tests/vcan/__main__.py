@@ -23,7 +23,10 @@ from tests.vcan.latency import read_rows, table
 NETWORKS = ("vcan0", "vcan1", "can0", "can1")
 TIMEOUT_S = 2400.0
 """For a suite that takes some ten minutes on a quiet machine."""
-HALF = ("test_vcan_faults.py", "test_vcan_clock.py", "test_vcan_command_line.py")
+HALF = (
+    "test_vcan_faults.py", "test_vcan_clock.py", "test_vcan_command_line.py", "test_vcan_codes.py",
+    "test_vcan_canopen.py",
+)  # fmt: skip
 """About as much work as all other files together: these have a machine of their own."""
 ALSO = ("tests/canbus/test_socketcan_kernel.py",)
 """About the kernel as well, without a stack."""

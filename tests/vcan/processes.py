@@ -45,6 +45,7 @@ def plant_main(settings: ProcessSettings, log: Path, control: Connection) -> Non
     """The car's process; `(name, value)` on the pipe breaks something."""
     _redirect(log)
     vehicle = settings.load_vehicle()
+    keep_collections_short()
     apply_realtime(settings.realtime)
     start_ns = monotonic_ns()
     car = build_car(vehicle, seed=1, start_ns=start_ns)
