@@ -7,6 +7,7 @@ main of a process (SocketCAN). It neither polls nor catches up.
 from __future__ import annotations
 
 import os
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ from runtime.process_settings import ProcessSettings
 from runtime.realtime import apply_realtime, keep_collections_short
 from runtime.service_notify import ServiceNotify
 from runtime.stopping import StopRequest
+
+LISTEN_S = 2 * PERIOD_NS / NS_PER_S
+"""A node hears its sensors, which tell a reading each cycle, before its first step."""
 
 REPORT_INTERVAL_NS = NS_PER_S
 """Overruns and refused frames are all counted, but told at most once in this time."""
@@ -248,6 +252,7 @@ def run_node_process(settings: ProcessSettings, report: Report) -> NodeResult:
     service = ServiceNotify(os.environ)
     with StopRequest() as stop, bus, harness:
         keep_collections_short()  # once more, of what opening the buses has loaded
+        threading.Event().wait(LISTEN_S)
         result = run_node(
             node,
             bus,

@@ -20,8 +20,8 @@ from dbc.messages import SPECS
 from telemetry.replay.comparison import Comparison, resolutions_of
 from telemetry.replay.steps import Step, boot_up_of, cyclic_id, find_steps
 
-EARS_NS: Final = PERIOD_NS
-"""A node that is started opens its bus and steps about a cycle later: what came before that, it has
+EARS_NS: Final = 2 * PERIOD_NS
+"""A node that is started opens its bus and steps two cycles later: what came before that, it has
 not heard."""
 
 
