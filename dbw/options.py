@@ -16,9 +16,10 @@ BITRATE_BPS_MAX = 1_000_000
 """Classical CAN's (ISO 11898-1)."""
 
 STANDARD_INPUT = "-"
+"""Name of a log that comes through a pipe."""
+
 VIRTUAL = "virtual"
 """An interface that lives inside one process."""
-"""Name of a log that comes through a pipe."""
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 

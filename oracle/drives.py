@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import Final
 
 from vehicles import Vehicle
+from vehicles.vehicle import DRIVE_NAMES
 
-STEERING_DRIVE: Final = "SteeringDrive"
-LEFT_DRIVE: Final = "LeftWheelDrive"
-RIGHT_DRIVE: Final = "RightWheelDrive"
+STEERING_DRIVE: Final = DRIVE_NAMES[0]
+LEFT_DRIVE: Final = DRIVE_NAMES[1]
+RIGHT_DRIVE: Final = DRIVE_NAMES[2]
 
 _OF_DRIVE: Final = (0x080, 0x180, 0x280, 0x580, 0x700)
 """EMCY, TPDO 1 and 2, SDO answer, heartbeat."""

@@ -38,6 +38,7 @@ GAINS: Final = frozenset(field.name for field in fields(PaperGains))
 NEVER: Final = (99, 99.0)
 """Of a loop that does not settle."""
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop(Search):
     """What is fitted of one loop."""
