@@ -6,6 +6,7 @@ import ctypes
 import errno
 import os
 from collections.abc import Collection
+from types import SimpleNamespace
 
 import pytest
 
@@ -149,6 +150,22 @@ def test_garbage_is_collected_before_the_priority_is_taken(
     with pytest.raises(BusError):
         run(settings, lambda event: None)
     assert done == ["collected", "real time"]
+
+
+def test_a_node_listens_for_two_cycles_before_its_first_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[object] = []
+    listening = SimpleNamespace(Event=lambda: SimpleNamespace(wait=done.append))
+    monkeypatch.setattr(node_process, "threading", listening)
+    monkeypatch.setattr(node_process, "keep_collections_short", lambda: None)
+    monkeypatch.setattr(node_process, "run_node", lambda *_, **__: done.append("steps"))
+    settings = ProcessSettings(
+        name="steering", vehicle="tabby_evo", interface="virtual", channel="listens",
+        harness_channel="too", realtime=RealtimeSettings(scheduling="off"),
+    )  # fmt: skip
+    run_node_process(settings, lambda event: None)
+    assert done == [0.02, "steps"]
 
 
 def test_the_command_line_of_a_child_says_the_same_as_the_settings() -> None:
