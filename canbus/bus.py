@@ -76,6 +76,13 @@ class Bus(Protocol):
         """Wait at most `timeout_ns` for a frame, then return everything that is waiting."""
         ...
 
+    def gather(self, span_ns: int) -> list[ReceivedFrame]:
+        """Wait `span_ns` and return what has come, in one piece where the kernel stamps frames.
+
+        Elsewhere a frame arrives when it is read, so the first one ends the wait: call again.
+        """
+        ...
+
     @property
     def statistics(self) -> BusStatistics:
         """The counters so far."""

@@ -17,6 +17,10 @@ from canbus.frame import Frame, ReceivedFrame
 PERIOD_NS: Final = 10_000_000
 """Every node's cycle: 10 ms (design; UAH's 100 ms, UWA's loop, are slower)."""
 
+EARS_NS: Final = PERIOD_NS
+"""A node's first step hears what came in the cycle before it, and nothing older: else what it has
+heard would depend on how long its start took, and no log could tell."""
+
 NODE_IDS: Final = {
     "Supervisor": 1,
     "Steering": 2,

@@ -222,6 +222,18 @@ class PythonCanBus:
             wait_ns = 0 if frames else max(0, deadline_ns - now_ns)
         return frames
 
+    def gather(self, span_ns: int) -> list[ReceivedFrame]:
+        """Wait `span_ns` and return what has come, in one piece where the kernel stamps frames.
+
+        A caller that needs the frames at a deadline sleeps until then, instead of waking up for
+        each. Elsewhere a frame arrives when it is read, so the first one ends the wait, as in
+        `receive`: call again.
+        """
+        if self._arrivals is None or span_ns <= 0:
+            return self.receive(span_ns)
+        self._wait_until(self._clock() + span_ns)
+        return self.receive(0)
+
     def hear(self) -> list[Heard]:
         """All that waits, of whatever kind and with every flag; nothing is filtered or counted.
 

@@ -173,7 +173,7 @@ class BusLink:
         """Every frame up to the deadline; what waits already even when that has passed."""
         received: list[ReceivedFrame] = []
         while True:
-            received += self._bus.receive(max(0, deadline_ns - time.monotonic_ns()))
+            received += self._bus.gather(max(0, deadline_ns - time.monotonic_ns()))
             if time.monotonic_ns() >= deadline_ns or self._ended.is_set():
                 return received
 

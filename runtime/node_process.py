@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from canbus.bus import Bus, BusStatistics, error_classes_text
 from canbus.frame import ReceivedFrame
-from canbus.node import PERIOD_NS, Event, EventKind, Node
+from canbus.node import EARS_NS, PERIOD_NS, Event, EventKind, Node
 from runtime.clock import NS_PER_MS, NS_PER_S, Clock, monotonic_ns
 from runtime.harness import ActuatorPort, HarnessPort
 from runtime.nodes import build_node, build_wires, node_entry
@@ -154,14 +154,15 @@ class NodeLoop:
     def run(self, stop: StopFlag) -> None:
         """Cycles until told to stop; an exception from node or port ends it."""
         while not stop.is_set():
-            wait_ns = self.pacer.wait_ns(self.clock())
-            if wait_ns > 0:
-                self._received += self.bus.receive(wait_ns)
-                self.port.poll()
-                continue
-            self._received += self.bus.receive(0)  # a late cycle still sees all there is
+            # a late cycle, which waits for nothing, still sees all there is
+            self._received += self.bus.gather(self.pacer.wait_ns(self.clock()))
             self.port.poll()
+            now_ns = self.clock()
+            if stop.is_set() or self.pacer.wait_ns(now_ns) > 0:
+                continue
             received, self._received = self._received, []
+            if self.pacer.cycles == 0:
+                received = [item for item in received if item.arrival_ns >= now_ns - EARS_NS]
             self.cycle(received, stop)
 
     def cycle(self, received: Sequence[ReceivedFrame], stop: StopFlag) -> None:
@@ -201,7 +202,7 @@ def run_node(
         bus: the vehicle bus, open.
         port: the node's hardware, open.
         clock: the bus's clock.
-        stop: looked at before every wait, so it acts within a cycle.
+        stop: looked at before and after every wait, so it acts within a cycle.
         report: gets the node's events, and the runtime's own about it.
         phase_ns: where the node's deadlines lie within the period.
         alive: called with the time at the end of every cycle, for watchdogs.

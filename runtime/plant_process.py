@@ -252,7 +252,7 @@ def run_plant(
         plant: the car and its wires.
         bus: the harness bus, open.
         clock: the bus's clock.
-        stop: looked at before every wait.
+        stop: looked at before and after every wait.
         report: gets what goes wrong.
         on_cycle: gets the truth of every cycle, in the plant's own thread.
         alive: called with the time at the end of every cycle, for watchdogs.
@@ -267,11 +267,10 @@ def run_plant(
     received: list[ReceivedFrame] = []
     try:
         while not stop.is_set():
-            wait_ns = pacer.wait_ns(clock())
-            received += bus.receive(wait_ns)
-            if wait_ns > 0:
-                continue
+            received += bus.gather(pacer.wait_ns(clock()))
             now_ns = clock()
+            if stop.is_set() or pacer.wait_ns(now_ns) > 0:
+                continue
             pacer.begin(now_ns)
             if vehicle_bus is not None:
                 plant.hear_vehicle_bus(vehicle_bus.receive(0))

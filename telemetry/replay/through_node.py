@@ -10,19 +10,15 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 from canbus.frame import Frame, FrameKind, ReceivedFrame
-from canbus.node import PERIOD_NS, Node
+from canbus.node import EARS_NS, Node
 from dbc.endpoint import sent_by
 from dbc.harness import SPECS as HARNESS_SPECS
 from dbc.messages import SPECS
 from telemetry.replay.comparison import Comparison, resolutions_of
 from telemetry.replay.steps import Step, boot_up_of, cyclic_id, find_steps
-
-EARS_NS: Final = 2 * PERIOD_NS
-"""A node that is started opens its bus and steps two cycles later: what came before that, it has
-not heard."""
 
 
 class ReplayError(ValueError):

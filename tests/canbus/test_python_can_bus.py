@@ -111,6 +111,14 @@ def test_unaccepted_frames_do_not_hide_accepted_ones(channel: str) -> None:
         assert other.statistics.received == 5
 
 
+def test_without_the_kernels_stamps_a_frame_ends_the_gathering(
+    pair: tuple[PythonCanBus, PythonCanBus],
+) -> None:
+    one, other = pair
+    one.send(Frame(0x1))
+    assert [item.frame for item in other.gather(3_600_000_000_000)] == [Frame(0x1)]
+
+
 @pytest.mark.wall_clock
 def test_receive_waits_until_its_timeout_and_no_longer(channel: str) -> None:
     with PythonCanBus("virtual", channel, clock=time.monotonic_ns) as bus:

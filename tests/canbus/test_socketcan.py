@@ -298,6 +298,34 @@ def test_a_wait_is_measured_by_the_monotonic_clock_and_never_by_python_cans(
     assert device.clocks.now_ns == 8 * MS
 
 
+def test_frames_are_gathered_in_one_wait_each_with_its_own_time_of_arrival(
+    device: Device, bus: PythonCanBus
+) -> None:
+    for _ in range(2):
+        device.arrives()
+        device.clocks.now_ns += 2 * MS
+    received = bus.gather(6 * MS)
+    assert device.clocks.now_ns == 10 * MS
+    assert [item.arrival_ns for item in received] == [0, 2 * MS]
+
+
+def test_what_waits_is_gathered_when_there_is_no_time_left(
+    device: Device, bus: PythonCanBus
+) -> None:
+    device.arrives()
+    assert len(bus.gather(0)) == 1
+    assert device.clocks.now_ns == 0
+
+
+def test_a_device_that_is_gone_is_waited_out_while_gathering(
+    device: Device, bus: PythonCanBus
+) -> None:
+    device.remove()
+    assert bus.gather(10 * MS) == bus.gather(10 * MS) == []
+    assert device.clocks.now_ns == 20 * MS
+    assert bus.statistics.rx_failures == 1
+
+
 def test_the_receive_queue_gets_its_room(device: Device, bus: PythonCanBus) -> None:
     size = device.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     assert size >= 100 * FRAME_BYTES

@@ -47,6 +47,9 @@ class FakeBus:
             self.sent.append((self._clock.now_ns, frame))
         return not self.refuses
 
+    def gather(self, span_ns: int) -> list[ReceivedFrame]:
+        return self.receive(span_ns)
+
     def receive(self, timeout_ns: int) -> list[ReceivedFrame]:
         self.waits.append(timeout_ns)
         end_ns = self._clock.now_ns + timeout_ns

@@ -49,6 +49,15 @@ def test_every_frame_reaches_the_next_step_with_its_own_arrival_time() -> None:
     ]
 
 
+def test_the_first_step_hears_the_cycle_before_it_and_nothing_older() -> None:
+    clock, node = FakeClock(), FakeNode()
+    bus = FakeBus(clock, [(t, Frame(t // MS)) for t in (1 * MS, 12 * MS, 13 * MS, 22 * MS)])
+    clock.now_ns = 14 * MS  # it opened its bus long ago, and begins to step
+    run(node, clock=clock, bus=bus, stop_ns=35 * MS, phase_ns=2 * MS)
+    heard = [(now, [item.frame.can_id for item in got]) for now, got, _ in node.steps]
+    assert heard == [(22 * MS, [12, 13, 22]), (32 * MS, [])]
+
+
 def test_readings_are_taken_at_the_time_of_the_step() -> None:
     clock, node = FakeClock(), FakeNode()
     run(node, clock=clock, bus=FakeBus(clock))
@@ -62,11 +71,17 @@ def test_port_is_polled_whenever_a_frame_wakes_the_node() -> None:
     assert port.polls == 4  # three frames and the wait that ends at the deadline
 
 
+def test_a_node_that_is_told_to_end_while_it_waits_steps_no_more() -> None:
+    clock, node, port = FakeClock(), FakeNode(), FakePort()
+    run(node, clock=clock, bus=FakeBus(clock), port=port, stop_ns=20 * MS)
+    assert [step[0] for step in node.steps] == [10 * MS]
+
+
 def test_node_waits_for_the_deadline_in_one_piece() -> None:
     clock = FakeClock(2 * MS)
     bus = FakeBus(clock)
     run(FakeNode(), clock=clock, bus=bus, stop_ns=20 * MS)
-    assert bus.waits == [8 * MS, 0, 10 * MS]
+    assert bus.waits == [8 * MS, 10 * MS]
 
 
 def test_frames_and_command_leave_in_the_step_they_belong_to() -> None:

@@ -75,6 +75,9 @@ class ScriptedBus:
     def send(self, frame: Frame) -> bool:
         raise AssertionError("a recorder sends nothing")
 
+    def gather(self, span_ns: int) -> list[ReceivedFrame]:
+        return self.receive(span_ns)
+
     def receive(self, timeout_ns: int) -> list[ReceivedFrame]:
         batch, self._batch = self._batch, []
         if not batch:
