@@ -73,10 +73,12 @@ for _state in range(8):
     _STUFF_OF_TAIL.extend(_stuff(_state, _value, 7)[0] for _value in range(128))
 
 # The CRC is linear: it is the sum (XOR) of what each byte contributes at its own place.
-_CRC_BY_BYTES_BEHIND: Final = [
-    [_crc(_crc(0, value, 8), 0, 8 * behind) for value in range(256)]
-    for behind in range(DATA_BYTES_MAX)
-]
+_CRC_OF_BYTE: Final = [_crc(0, value, 8) for value in range(256)]
+_CRC_BY_BYTES_BEHIND: Final = [_CRC_OF_BYTE]
+for _ in range(DATA_BYTES_MAX - 1):
+    _CRC_BY_BYTES_BEHIND.append(
+        [crc << 8 & _CRC_MASK ^ _CRC_OF_BYTE[crc >> 7] for crc in _CRC_BY_BYTES_BEHIND[-1]]
+    )
 _CRC_TABLES: Final = [_CRC_BY_BYTES_BEHIND[:length][::-1] for length in range(DATA_BYTES_MAX + 1)]
 
 

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Protocol, Self
 
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
@@ -25,23 +25,42 @@ HOLD_NS = 100_000_000
 """How often a page repeats what is held."""
 
 
+class Server(Protocol):
+    """What is needed of a `subprocess.Popen`."""
+
+    stdout: Any
+    returncode: int | Any
+
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *exception: Any) -> None: ...
+    def wait(self, timeout: float | None = None) -> int: ...
+    def send_signal(self, number: int, /) -> None: ...
+    def kill(self) -> None: ...
+
+
+def new_python(arguments: list[str], stderr: IO[bytes]) -> Server:
+    """A `dbw` as a user starts it."""
+    command = [sys.executable, "-m", "dbw", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
+
+
+Start = Callable[[list[str], IO[bytes]], Server]
+"""Starts `dbw` with arguments, its standard output a pipe, its standard error kept."""
+
+
 @contextmanager
 def served(
-    arguments: list[str], output: Path
-) -> Iterator[tuple[subprocess.Popen[str], re.Match[str]]]:
+    arguments: list[str], output: Path, start: Start = new_python
+) -> Iterator[tuple[Server, re.Match[str]]]:
     """A `dbw` that serves its page, and START as it printed it; ended by Ctrl-C if it has not.
 
     Args:
         arguments: Of `dbw`; the port is best 0.
         output: What it says on standard error is kept there.
+        start: How it is started.
     """
-    command = [sys.executable, "-m", "dbw", *arguments]
-    with (
-        output.open("wb") as sink,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True) as process,
-    ):
+    with output.open("wb") as sink, start(arguments, sink) as process:
         try:
-            assert process.stdout is not None
             found = None
             while found is None:
                 line = process.stdout.readline()
@@ -67,8 +86,8 @@ class Page:
         refused: Why something was refused, last.
     """
 
-    def __init__(self, arguments: list[str], output: Path) -> None:
-        self._served = served(arguments, output)
+    def __init__(self, arguments: list[str], output: Path, start: Start = new_python) -> None:
+        self._served = served(arguments, output, start)
         self.shown: dict[str, Any] = {}
         self.log: list[str] = []
         self.refused = ""
@@ -89,7 +108,6 @@ class Page:
 
     def wait(self) -> None:
         """Until it ends by itself; reads all it says meanwhile."""
-        assert self._process.stdout is not None
         self._process.stdout.read()
         self._process.wait(END_S_MAX)
 

@@ -31,6 +31,7 @@ from runtime.launch import known_channels
 from runtime.nodes import NODES, STOP_ORDER
 from runtime.realtime import keep_collections_short
 from tests.vcan.bus_log import HARNESS_BUS, Line, candump, read_log
+from tests.vcan.forked import said_by_dbw
 from tests.vcan.shell import cansend
 from tests.vcan.stack import VEHICLE, VEHICLE_BUS, pause
 from vehicles import load_vehicle
@@ -119,11 +120,11 @@ def stage_on(plan: DrivePlan) -> WallStage:
     )
 
 
-def dbw(*arguments: str) -> str:
-    """A command that must succeed; answers what it says."""
-    result = subprocess.run([*DBW, *arguments], capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
+def said(folder: Path, *arguments: str) -> str:
+    """A `dbw` that must succeed; answers what it says."""
+    code, out, errors = said_by_dbw(*arguments, folder=folder)
+    assert code == 0, out + errors
+    return out
 
 
 def beats(lines: list[Line], node: str) -> list[float]:
@@ -153,8 +154,8 @@ def test_every_node_boots_becomes_operational_and_beats_at_the_dbcs_period(up: L
         assert max(measured_s) < 1.5 * period_s(entry.node), entry.node
 
 
-def test_status_hears_everybody(up: Launched) -> None:
-    text = dbw("status", "--channel", VEHICLE_BUS)
+def test_status_hears_everybody(up: Launched, tmp_path: Path) -> None:
+    text = said(tmp_path, "status", "--channel", VEHICLE_BUS)
     assert "mode MANUAL" in text and "codes none" in text
     for name, entry in NODES.items():
         assert any(line.split()[0] == name and line.endswith("runs") for line in text.splitlines())
@@ -217,6 +218,6 @@ def test_down_ends_a_stack_that_is_still_starting(up: Launched, tmp_path: Path) 
     again = Launched(tmp_path)
     again.bus_log.touch()
     again.wait(lambda: "stop with Ctrl-C" in again.output.read_text(), BRING_UP_S_MAX)
-    assert "stopped launcher, plant, steering" in dbw("down", "--channel", VEHICLE_BUS)
+    assert "stopped launcher, plant, steering" in said(tmp_path, "down", "--channel", VEHICLE_BUS)
     assert again.process.wait(DOWN_S_MAX) == 0, again.output.read_text()
     assert known_channels() == []

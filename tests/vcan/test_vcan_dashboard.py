@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+import dbw.dashboard_server  # noqa: F401, before the forks
 from canbus.node import NODE_IDS
 from dbc.messages import Mode
 from gateway.sentences import ONLY_THE_BUTTON
 from tests.telemetry.page_socket import Page
 from tests.vcan.bus_log import HARNESS_BUS
+from tests.vcan.forked import ForkedDbw, said_by_dbw
 from tests.vcan.stack import MOVING_MPS, PLANNER, VEHICLE_BUS, Stack
 
 BESIDE = [
@@ -30,7 +30,7 @@ def all_are_alive(page: Page) -> bool:
 def test_the_page_beside_a_planner_shows_the_drive_has_the_button_and_stops_the_car(
     parked: Stack, tmp_path: Path
 ) -> None:
-    with Page(BESIDE, tmp_path / "dashboard.txt") as page:
+    with Page(BESIDE, tmp_path / "dashboard.txt", ForkedDbw) as page:
         page.until(lambda: page.shown.get("why") == ONLY_THE_BUTTON, SHOWN_S_MAX)
         assert page.shown["mode"] == "MANUAL" and page.shown["verdict"] == "PERMIT"
         page.until(lambda: all_are_alive(page), SHOWN_S_MAX)
@@ -51,17 +51,16 @@ def test_the_page_beside_a_planner_shows_the_drive_has_the_button_and_stops_the_
     parked.brakes()
 
 
-def test_a_second_gateway_is_refused(parked: Stack) -> None:
-    command = [sys.executable, "-m", "dbw", *BESIDE, "--gateway"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 2 and not result.stdout
-    assert f"another gateway is on {VEHICLE_BUS}" in result.stderr
+def test_a_second_gateway_is_refused(parked: Stack, tmp_path: Path) -> None:
+    code, out, errors = said_by_dbw(*BESIDE, "--gateway", folder=tmp_path)
+    assert code == 2 and not out
+    assert f"another gateway is on {VEHICLE_BUS}" in errors
     assert parked.planner.state().mode is Mode.MANUAL
 
 
 def test_the_page_drives_the_car_where_no_planner_is(parked: Stack, tmp_path: Path) -> None:
     parked.kill(PLANNER)
-    with Page([*BESIDE, "--gateway"], tmp_path / "dashboard.txt") as page:
+    with Page([*BESIDE, "--gateway"], tmp_path / "dashboard.txt", ForkedDbw) as page:
         page.until(lambda: page.shown.get("why") == ONLY_THE_BUTTON, SHOWN_S_MAX)
         page.say("button")
         page.until(lambda: page.shown["mode"] == "READY", SHOWN_S_MAX)

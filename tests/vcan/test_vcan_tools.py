@@ -11,6 +11,8 @@ from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
+import dbw.monitor_lines  # noqa: F401, before the forks
+import telemetry.record.recorder  # noqa: F401
 from canbus.frame import Frame
 from canbus.node import NODE_IDS
 from canbus.python_can_bus import PythonCanBus
@@ -24,6 +26,7 @@ from telemetry.replay.comparison import DIFFERENCES, Match
 from telemetry.replay.source import record_of
 from telemetry.replay.through_node import replay_node
 from tests.vcan.bus_log import HARNESS_BUS
+from tests.vcan.forked import ForkedDbw
 from tests.vcan.stack import VEHICLE, VEHICLE_BUS, Stack, pause
 from vehicles import load_vehicle
 
@@ -42,11 +45,9 @@ def recorded(stack: Stack, path: Path) -> list[str]:
 
 def monitored(path: Path, count: int) -> list[str]:
     """What `dbw monitor` shows of a log that `canplayer` plays."""
-    command = [sys.executable, "-m", "dbw", "monitor", "vcan0", "-n", str(count)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
+    with ForkedDbw(["monitor", "vcan0", "-n", str(count)]) as monitor:
         play_to_a_listener(path)
-        out, _ = monitor.communicate(timeout=60.0)
-    return out.splitlines()
+        return monitor.stdout.read().splitlines()
 
 
 def play_to_a_listener(path: Path) -> None:
@@ -58,8 +59,7 @@ def play_to_a_listener(path: Path) -> None:
 
 def recorded_by_dbw(path: Path, out: Path) -> list[tuple[int, bytes]]:
     """What `dbw record` keeps of a log that `canplayer` plays, until Ctrl-C."""
-    command = [sys.executable, "-m", "dbw", "record", "vcan0", "--out", str(out)]
-    with subprocess.Popen(command) as recorder:
+    with ForkedDbw(["record", "vcan0", "--out", str(out)]) as recorder:
         play_to_a_listener(path)
         pause(0.5)
         recorder.send_signal(signal.SIGINT)
@@ -72,6 +72,7 @@ def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
 ) -> None:
     path = tmp_path / "drive.log"
     lines = recorded(parked, path)
+    parked.__exit__(None, None, None)  # the bus is the player's now
     for line in lines:
         can_id, _, data = line.split()[2].partition("#")
         frame = Frame(int(can_id, 16), bytes.fromhex(data))
@@ -86,7 +87,6 @@ def test_a_recorded_drive_is_decoded_to_the_last_frame_and_replayed(
     unknown = [line for line in decoded if "Unknown" in line or "rror:" in line or "::" not in line]
     assert not unknown, unknown[:3]
     assert any("SUPERVISOR_STATE" in line and "AUTOMATIC" in line for line in decoded)
-    parked.__exit__(None, None, None)  # the bus is the player's now
     with PythonCanBus("socketcan", "vcan0", clock=monotonic_ns) as bus:
         player = subprocess.Popen(["canplayer", "-I", str(path), "vcan0=vcan0"])
         status = listen(bus, monotonic_ns)
