@@ -21,7 +21,7 @@ from canbus.heard import (
     Heard,
 )
 from canbus.hidden import ASAMMDF, hidden
-from canbus.socketcan import Arrivals, make_room, read_frame, receive_drops, write_frame
+from canbus.socketcan import Arrivals, make_room, read_frames, receive_drops, write_frame
 
 with hidden(ASAMMDF):
     import can
@@ -203,21 +203,19 @@ class PythonCanBus:
             self._wait_until(deadline_ns)
             return frames
         assert self._bus is not None, "the bus is not open"
+        read = self._read_message if self._socket is None else self._read_socket
         wait_ns = max(0, timeout_ns)
         for _ in range(RECEIVE_FRAMES_MAX):
             try:
-                item = self._read(wait_ns / 1e9)
+                read_ns = read(wait_ns / 1e9, now_ns, frames)
             except (can.CanError, OSError) as error:
                 self._rx_failures += 1
                 self._check_gone(error)
                 self._wait_until(deadline_ns)
                 break
-            if item is None:
-                if self._arrivals is not None:
-                    self._arrivals.was_empty(now_ns)
+            if read_ns is None:
                 break
-            now_ns = self._clock()
-            self._take(*item, now_ns, frames)
+            now_ns = read_ns
             # Nothing accepted yet: wait on; otherwise only collect what is already there.
             wait_ns = 0 if frames else max(0, deadline_ns - now_ns)
         return frames
@@ -265,32 +263,57 @@ class PythonCanBus:
             error_classes=self._error_classes,
         )
 
-    def _read(self, wait_s: float) -> tuple[Frame, int] | None:
-        """The next frame and its stamp, of a socket alone, or None after a while.
+    def _read_message(
+        self, wait_s: float, now_ns: int, frames: list[ReceivedFrame]
+    ) -> int | None:
+        """Appends the next frame, if it is accepted; the time of reading, or None if there is none.
+        """
+        assert self._bus is not None
+        message = self._bus.recv(wait_s)
+        if message is None:
+            return None
+        frame = _to_frame(message)
+        now_ns = self._clock()
+        if self._is_accepted(frame):
+            frames.append(ReceivedFrame(now_ns, frame))
+        return now_ns
+
+    def _read_socket(self, wait_s: float, now_ns: int, frames: list[ReceivedFrame]) -> int | None:
+        """Appends the accepted frames that wait, or the first to come.
+
+        Returns:
+            The time of reading, or None if there is nothing left to wait for.
 
         python-can's `recv` waits by the system's clock: when that is set back, all nodes at once
         would wait for as long. A socket is therefore waited for here, by the monotonic clock.
         """
-        if self._socket is None:
-            assert self._bus is not None
-            message = self._bus.recv(wait_s)
-            return None if message is None else (_to_frame(message), 0)
-        if wait_s > 0 and not select.select([self._socket], [], [], wait_s)[0]:
-            return None
-        return read_frame(self._socket)
+        assert self._socket is not None
+        is_timeout = wait_s > 0 and not select.select([self._socket], [], [], wait_s)[0]
+        stamped: list[tuple[Frame, int]] = []
+        is_empty = is_timeout
+        try:
+            is_empty = is_timeout or read_frames(self._socket, RECEIVE_FRAMES_MAX, stamped)
+        finally:  # what came before the interface failed has come
+            read_ns = self._clock()
+            accepted = [item for item in stamped if self._is_accepted(item[0])]
+            if self._arrivals is None:
+                frames += [ReceivedFrame(read_ns, frame) for frame, _ in accepted]
+            else:
+                frames += self._arrivals.received(accepted, read_ns)
+                if is_empty:
+                    self._arrivals.was_empty(now_ns)
+        return None if is_timeout or wait_s <= 0 or frames else read_ns
 
-    def _take(self, frame: Frame, stamp_ns: int, now_ns: int, frames: list[ReceivedFrame]) -> None:
-        """Append `frame` to `frames` if it is accepted, and count it."""
+    def _is_accepted(self, frame: Frame) -> bool:
+        """Whether a frame is handed on; counted, if it is."""
         if frame.kind is FrameKind.ERROR:
             self._error_frames += 1
             self._error_classes |= frame.can_id & ERROR_CLASSES
             self._rx_dropped += is_receive_overflow(frame)
         elif self._acceptance is not None and frame.can_id not in self._acceptance:
-            return
+            return False
         self._received += 1
-        if self._arrivals is not None:
-            now_ns = self._arrivals.arrival_ns(stamp_ns, now_ns)
-        frames.append(ReceivedFrame(now_ns, frame))
+        return True
 
     def _lost_in_queue(self) -> int:
         """Frames lost in this socket's queue; 0 for interfaces that are no socket of ours."""

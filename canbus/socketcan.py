@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
-from canbus.frame import CAN_ID_MAX, Frame, FrameKind
+from canbus.frame import CAN_ID_MAX, Frame, FrameKind, ReceivedFrame
 from canbus.heard import ERROR_FLAG, EXTENDED_FLAG, EXTENDED_ID_MAX, REMOTE_FLAG
 from canbus.timing import (
     CRC_BITS,
@@ -42,26 +42,34 @@ _FRAME: Final = struct.Struct("=IB3x8s")
 _STAMP: Final = struct.Struct("@ll")
 """`struct timespec` of SO_TIMESTAMPNS, the one option of python-can's that adds to a frame."""
 _STAMP_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
+_FRAME_BYTES: Final = _FRAME.size
+_AT_ONCE: Final = int(socket.MSG_DONTWAIT)
+"""A plain number: Python's enumerations take their time."""
 
 _NS_PER_S: Final = 1_000_000_000
 
 
-def read_frame(sock: socket.socket) -> tuple[Frame, int] | None:
-    """The next classical frame and the kernel's stamp in ns since 1970; None if none waits.
+def read_frames(sock: socket.socket, frames_max: int, into: list[tuple[Frame, int]]) -> bool:
+    """Appends the classical frames that wait, each with the kernel's stamp in ns since 1970.
+
+    Returns:
+        Whether that was all: whether the queue was found empty.
 
     Raises:
-        OSError: the interface is down or gone.
+        OSError: the interface is down or gone; what was read before that is in `into`.
     """
+    receive, unpack, unpack_stamp = sock.recvmsg, _FRAME.unpack, _STAMP.unpack
     try:
-        raw, ancillary, _, _ = sock.recvmsg(_FRAME.size, _STAMP_BYTES, socket.MSG_DONTWAIT)
+        for _ in range(frames_max):
+            raw, ancillary, _, _ = receive(_FRAME_BYTES, _STAMP_BYTES, _AT_ONCE)
+            word, length, data = unpack(raw)
+            seconds, nanoseconds = unpack_stamp(ancillary[0][2])
+            data = data[:length]
+            frame = Frame(word, data) if word <= CAN_ID_MAX else _flagged(word, data)
+            into.append((frame, seconds * _NS_PER_S + nanoseconds))
     except BlockingIOError:
-        return None
-    word, length, data = _FRAME.unpack(raw)
-    seconds, nanoseconds = _STAMP.unpack(ancillary[0][2])
-    stamp_ns = seconds * _NS_PER_S + nanoseconds
-    if word <= CAN_ID_MAX:
-        return Frame(word, data[:length]), stamp_ns
-    return _flagged(word, data[:length]), stamp_ns
+        return True
+    return False
 
 
 def _flagged(word: int, data: bytes) -> Frame:
@@ -83,7 +91,7 @@ def write_frame(sock: socket.socket, frame: Frame) -> None:
         OSError: the driver refuses it: a queue is full, the interface down or gone.
     """
     raw = _FRAME.pack(frame.can_id, len(frame.data), frame.data)
-    sock.send(raw, socket.MSG_DONTWAIT)
+    sock.send(raw, _AT_ONCE)
 
 
 def backlog_frames_max(away_ns: int, bitrate_bps: int) -> int:
@@ -144,12 +152,20 @@ class Arrivals:
         self._realtime = realtime
         self._earliest_ns = start_ns
 
-    def arrival_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """Arrival of a frame stamped `stamp_ns` that is read at `now_ns`; never before the last."""
+    def received(self, stamped: Sequence[tuple[Frame, int]], now_ns: int) -> list[ReceivedFrame]:
+        """Frames with their stamps, all read before `now_ns`, with their arrivals; none before the
+        last."""
         # `now_ns` was read first: a pause between the two clocks makes a frame older, not younger.
-        age_ns = self._realtime() - stamp_ns
-        self._earliest_ns = max(self._earliest_ns, min(now_ns - age_ns, now_ns))
-        return self._earliest_ns
+        ahead_ns = self._realtime() - now_ns
+        earliest_ns = self._earliest_ns
+        frames: list[ReceivedFrame] = []
+        for frame, stamp_ns in stamped:
+            arrival_ns = stamp_ns - ahead_ns
+            if arrival_ns > earliest_ns:
+                earliest_ns = arrival_ns if arrival_ns < now_ns else now_ns
+            frames.append(ReceivedFrame(earliest_ns, frame))
+        self._earliest_ns = earliest_ns
+        return frames
 
     def was_empty(self, asked_ns: int) -> None:
         """The queue turned out to be empty when it was asked for a frame, not before `asked_ns`."""

@@ -46,6 +46,11 @@ class Clocks:
         return EPOCH_NS + self.now_ns + self.step_ns
 
 
+def read(arrivals: Arrivals, stamps_ns: list[int], clocks: Clocks) -> list[int]:
+    """When frames with these stamps arrived, that are read now."""
+    stamped = [(Frame(0x123), stamp_ns) for stamp_ns in stamps_ns]
+    return [item.arrival_ns for item in arrivals.received(stamped, clocks.now_ns)]
+
 
 def arrival(age_ms: int, step_ms: int, empty_ms: int = 0) -> float:
     """Arrival in ms of a frame that is read at 100 ms; the clock was set while it waited."""
@@ -55,7 +60,7 @@ def arrival(age_ms: int, step_ms: int, empty_ms: int = 0) -> float:
     clocks.now_ns = (100 - age_ms) * MS
     stamp_ns = clocks.realtime()
     clocks.now_ns, clocks.step_ns = 100 * MS, step_ms * MS
-    return arrivals.arrival_ns(stamp_ns, clocks.now_ns) / MS
+    return read(arrivals, [stamp_ns], clocks)[0] / MS
 
 
 def test_arrival_is_the_kernels_stamp_and_not_the_time_of_reading() -> None:
@@ -80,7 +85,7 @@ def test_a_step_before_the_frame_arrived_changes_nothing() -> None:
     clocks.now_ns, clocks.step_ns = 50 * MS, -86_400 * S
     stamp_ns = clocks.realtime()
     clocks.now_ns = 58 * MS
-    assert arrivals.arrival_ns(stamp_ns, clocks.now_ns) == 50 * MS
+    assert read(arrivals, [stamp_ns], clocks) == [50 * MS]
 
 
 def test_arrivals_never_go_back_even_when_the_clock_is_set_between_two_frames() -> None:
@@ -91,7 +96,7 @@ def test_arrivals_never_go_back_even_when_the_clock_is_set_between_two_frames() 
         clocks.now_ns, clocks.step_ns = now_ms * MS, step_ms * MS
         stamps.append(clocks.realtime())
     clocks.now_ns = 5 * MS
-    times = [arrivals.arrival_ns(stamp_ns, clocks.now_ns) for stamp_ns in stamps]
+    times = read(arrivals, stamps[:3], clocks) + read(arrivals, stamps[3:], clocks)
     assert times == sorted(times) and times[-1] <= clocks.now_ns
 
 
@@ -324,6 +329,45 @@ def test_a_device_that_is_gone_is_waited_out_while_gathering(
     assert bus.gather(10 * MS) == bus.gather(10 * MS) == []
     assert device.clocks.now_ns == 20 * MS
     assert bus.statistics.rx_failures == 1
+
+
+def test_what_came_before_the_interface_failed_is_handed_on(
+    device: Device, bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = device.recvmsg
+
+    def read_once(*arguments: int) -> tuple[bytes, list[tuple[int, int, bytes]], int, None]:
+        device.errors = [] if device.waiting else [errno.ENETDOWN]
+        return read(*arguments)
+
+    monkeypatch.setattr(device, "recvmsg", read_once)
+    device.arrives("123#AA")
+    device.arrives("000#")
+    assert [str(item.frame) for item in bus.receive(0)] == ["123#AA", "000#"]
+    assert bus.statistics == BusStatistics(received=2, rx_failures=1)
+
+
+def test_frames_that_are_not_accepted_do_not_end_the_wait(device: Device) -> None:
+    clocks = device.clocks
+    accepted = frozenset({0x123})
+    with PythonCanBus(
+        "socketcan", "can0", clock=clocks.monotonic, realtime=clocks.realtime, acceptance=accepted
+    ) as bus:
+        device.arrives("12345678#01")
+        assert bus.receive(5 * MS) == [] and clocks.now_ns == 5 * MS
+        device.arrives("12345678#01")
+        device.arrives("123#AA")
+        (received,) = bus.receive(5 * MS)
+        assert str(received.frame) == "123#AA" and clocks.now_ns == 5 * MS
+
+
+def test_a_flood_is_read_in_pieces(
+    device: Device, bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(python_can_bus, "RECEIVE_FRAMES_MAX", 3)
+    for _ in range(4):
+        device.arrives()
+    assert [len(bus.receive(0)) for _ in range(3)] == [3, 1, 0]
 
 
 def test_the_receive_queue_gets_its_room(device: Device, bus: PythonCanBus) -> None:
