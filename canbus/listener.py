@@ -16,9 +16,9 @@ from typing import Final, Protocol, Self
 
 from canbus.bus import BusError
 from canbus.heard import ANY, CLASSICAL, ERROR_CLASSES_ALL, REMOTE_FLAG, Heard
+from canbus.interface_errors import SOCKETCAN, reason_not_opened
 from canbus.socketcan import make_room, receive_drops
 
-SOCKETCAN: Final = "socketcan"
 BACKLOG_FRAMES: Final = 4096
 """Room in a socket's queue, if the system grants it: half a second of a full 1 Mbit/s bus."""
 HEAR_FRAMES_MAX: Final = 4096
@@ -107,8 +107,6 @@ class SocketcanListener:
                 try:
                     self._open(place)
                 except OSError as error:
-                    from canbus.python_can_bus import reason_not_opened
-
                     raise BusError(reason_not_opened(SOCKETCAN, channel, error)) from error
         except BusError:
             self.__exit__()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import select
 import socket
@@ -21,19 +20,14 @@ from canbus.heard import (
     Heard,
 )
 from canbus.hidden import ASAMMDF, hidden
+from canbus.interface_errors import GONE, SOCKETCAN, reason_not_opened
 from canbus.socketcan import Arrivals, make_room, read_frames, receive_drops, write_frame
 
 with hidden(ASAMMDF):
     import can
 
-SOCKETCAN = "socketcan"
-
 RECEIVE_FRAMES_MAX = 4096
 """Most frames one `receive` returns, so that a flood cannot keep the caller from its deadline."""
-
-GONE = (errno.ENODEV, errno.ENXIO)
-"""Errors of a socket whose device was removed (a USB adapter): it never comes back to life, not
-even when the device does. One whose link is merely down does (ENETDOWN, told once)."""
 
 ERROR_CLASSES = sum(ERROR_CLASS_TEXT)
 """Of an error frame's identifier, the bits that say what it is about."""
@@ -136,7 +130,8 @@ class PythonCanBus:
                 interface=self._interface, channel=self._channel, ignore_config=True, **options
             )
         except Exception as error:  # drivers raise whatever they like, NameError included
-            raise BusError(reason_not_opened(self._interface, self._channel, error)) from error
+            reason = reason_not_opened(self._interface, self._channel, error, can.VALID_INTERFACES)
+            raise BusError(reason) from error
         if self._interface == SOCKETCAN:
             self._socket = getattr(self._bus, "socket", None)
         if self._socket is not None and self._backlog_frames is not None:
@@ -403,30 +398,3 @@ def _from_heard(heard: Heard) -> can.Message:
         bitrate_switch=heard.is_fd and bool(heard.fd_flags & FD_BIT_RATE_SWITCH),
         error_state_indicator=heard.is_fd and bool(heard.fd_flags & FD_ERROR_STATE),
     )
-
-
-def reason_not_opened(interface: str, channel: str, error: Exception) -> str:
-    """One line for the user: what could not be opened, why, what to do."""
-    where = f"cannot open CAN channel '{channel}' on interface '{interface}'"
-    if interface not in can.VALID_INTERFACES:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
-        return f"{where}: unknown interface name; known: {known}"
-    number = getattr(error, "errno", None)
-    if interface == SOCKETCAN:
-        no_family = number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
-        if no_family or not hasattr(socket, "AF_CAN"):
-            return (
-                f"{where}: this kernel has no SocketCAN (AF_CAN); run 'modprobe can_raw', "
-                "use a kernel built with CONFIG_CAN, or use the interface 'virtual'"
-            )
-        if number == errno.ENODEV:
-            how = (
-                f"ip link add dev {channel} type vcan && ip link set {channel} up"
-                if channel.startswith("vcan")
-                else f"ip link set {channel} up type can bitrate 500000"
-            )
-            return f"{where}: no such device; create it with '{how}'"
-        if number in (errno.EPERM, errno.EACCES):
-            return f"{where}: permission denied; it needs the right to open raw CAN sockets"
-    text = " ".join(str(error).split()) or type(error).__name__
-    return f"{where}: {text}"

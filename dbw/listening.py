@@ -40,7 +40,8 @@ def listener_of(
     interface: str, sources: Sequence[Source], bitrate_bps: int | None
 ) -> Listener:
     """What hears the channels that were asked for."""
-    from canbus.listener import SOCKETCAN, PythonCanListener, SocketcanListener
+    from canbus.interface_errors import SOCKETCAN
+    from canbus.listener import PythonCanListener, SocketcanListener
     from runtime.clock import monotonic_ns, realtime_ns
 
     channels = channels_of(sources)

@@ -75,8 +75,8 @@ def _echo(results: Sequence[EchoResult]) -> list[tuple[str, _Rows]]:
     notes = (
         f"{len(results[0].spans_ns)} requests each on vcan0, by the kernel's stamps on request and "
         "answer. A node in its cycle answers at its next step: the wait for that, up to 10 ms, is "
-        "left out, and what it has read before is done by then. A node's step holds all its other "
-        "work too, its control loop included; the answer is the first frame that it sends.",
+        "left out; reading the request is not. A node's step holds all its other work too, its "
+        "control loop included; the answer is the first frame that it sends.",
     )
     headers = ("who answers", "median, us", "99 %", "to python-can", f"goal <= {GOAL_RATIO:g}")
     return [("From a frame to the answer to it", _Rows(headers=headers, rows=rows, notes=notes))]
