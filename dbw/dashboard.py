@@ -123,7 +123,7 @@ def dashboard(
     from dbw.listening import gateway_is_heard
     from runtime.in_process import harness_channel_of
     from runtime.launch import InProcessStack
-    from runtime.realtime import RealtimeSettings, apply_realtime
+    from runtime.realtime import RealtimeSettings, apply_realtime, keep_collections_short
     from runtime.stopping import StopRequest
     from telemetry.dashboard.access import Access
     from vehicles import load_vehicle
@@ -156,6 +156,7 @@ def dashboard(
         raise UserMistake(
             f"--gateway: another gateway is on {channel}, and a bus has one: leave it away to watch"
         )
+    keep_collections_short()  # a full one would silence the gateway: the car would brake
     with StopRequest() as stop, ExitStack() as stack:
         if desk:
             stack.enter_context(InProcessStack(vehicle=setup.vehicle, channel=channel))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, TimeoutError, expect
 
+from canbus.bus import BusError
 from dbw.main import main
 from tests.dbw.test_dbw_wall import ATTEMPTS_MAX, skip_if_busy
 from tests.telemetry.chromium import WAIT_MS_MAX, headless_chromium
@@ -40,6 +41,29 @@ def test_a_mistake_is_one_clear_line(
     assert main(["dashboard", *options]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("options", [["--desk"], ["--channel", "no-such"]])
+def test_garbage_is_collected_before_a_gateway_or_a_node_runs(
+    options: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full collection of what a dashboard has loaded takes longer than a gateway may be silent."""
+    done: list[str] = []
+
+    def opened(setup: object) -> None:
+        done.append("opened")
+        raise BusError("far enough")
+
+    def stack(**_: object) -> AbstractContextManager[None]:
+        done.append("stack")
+        return nullcontext()
+
+    monkeypatch.setattr("runtime.realtime.keep_collections_short", lambda: done.append("collected"))
+    monkeypatch.setattr("runtime.launch.InProcessStack", stack)
+    monkeypatch.setattr("dbw.dashboard_server.open_dashboard", opened)
+    monkeypatch.setattr("runtime.realtime.apply_realtime", lambda _: None)
+    assert main(["dashboard", *options]) == 2
+    assert done[0] == "collected" and done[-1] == "opened"
 
 
 def test_a_token_that_is_too_short_is_refused(

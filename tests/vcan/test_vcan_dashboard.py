@@ -71,7 +71,7 @@ def test_the_page_drives_the_car_where_no_planner_is(parked: Stack, tmp_path: Pa
         # Nothing is repeated now, as by a browser that froze: the car stops by itself.
         page.until(lambda: any("let go" in text for text in page.log), SHOWN_S_MAX)
         page.until(lambda: page.shown["speed_mps"] == 0.0, STOP_S_MAX)
-        assert page.shown["mode"] == "AUTOMATIC"
+        assert page.shown["mode"] == "AUTOMATIC", (page.shown["codes"], page.log)
         page.say("disengage")
         page.until(lambda: page.shown["mode"] in ("READY", "MANUAL"), STOP_S_MAX)
         assert page.refused == ""
