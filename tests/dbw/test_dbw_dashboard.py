@@ -47,7 +47,7 @@ def test_a_mistake_is_one_clear_line(
 def test_garbage_is_collected_before_a_gateway_or_a_node_runs(
     options: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A full collection of what a dashboard has loaded takes longer than a gateway may be silent."""
+    """A full collection of what is loaded takes nearly as long as a decision may be old."""
     done: list[str] = []
 
     def opened(setup: object) -> None:
