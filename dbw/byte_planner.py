@@ -71,6 +71,7 @@ def serve_bus(
     from gateway.commands import checked_period_ns
     from gateway.connect import connect
     from runtime.clock import monotonic_ns, realtime_ns
+    from runtime.realtime import keep_collections_short
     from telemetry.monitor.filters import Source
 
     commands = ByteCommands(vehicle, checked_period_ns(vehicle, period_s))
@@ -80,6 +81,7 @@ def serve_bus(
         interface, channel, clock=monotonic_ns, realtime=realtime_ns,
         acceptance=commands.acceptance,
     )  # fmt: skip
+    keep_collections_short()  # a full one would silence the gateway: the car would brake
     with connect(interface, channel, vehicle=vehicle, planner_period_s=period_s) as car, bus:
         names = ", ".join(f"0x{can_id:03X} {name}" for can_id, name in COMMAND_IDS.items())
         click.echo(f"byte commands on {channel} for {vehicle.name}: {names}; stop with Ctrl-C")

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from canbus.bus import BusError
 from canbus.frame import Frame
 from canbus.python_can_bus import PythonCanBus
 from dbw.byte_planner import serve_bus
@@ -32,6 +33,20 @@ def test_a_planner_on_the_bus_gets_its_bytes_back_and_hears_of_a_missing_supervi
     assert Frame(0x422, b"\xf6") in heard
     assert Frame(0x423, b"\x04") in heard, "ER2: no supervisor is heard"
     assert "0x410 BYTE_BRAKE, 0x411 BYTE_ACCELERATE, 0x412 BYTE_STEER" in capsys.readouterr().out
+
+
+def test_garbage_is_collected_before_the_gateway_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def opened(*_: object, **__: object) -> None:
+        done.append("opened")
+        raise BusError("far enough")
+
+    monkeypatch.setattr("runtime.realtime.keep_collections_short", lambda: done.append("collected"))
+    monkeypatch.setattr("gateway.connect.connect", opened)
+    with pytest.raises(BusError, match="far enough"):
+        serve_bus("virtual", "collects", load_vehicle("tabby_evo"), 0.1, lambda: True)
+    assert done == ["collected", "opened"]
 
 
 def test_a_bus_that_has_a_gateway_gets_no_second_one() -> None:
