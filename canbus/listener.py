@@ -6,7 +6,6 @@ take to start; and python-can's sockets neither tell the loss of frames apart no
 
 from __future__ import annotations
 
-import errno
 import select
 import socket
 import struct
@@ -16,7 +15,7 @@ from typing import Final, Protocol, Self
 
 from canbus.bus import BusError
 from canbus.heard import ANY, CLASSICAL, ERROR_CLASSES_ALL, REMOTE_FLAG, Heard
-from canbus.interface_errors import SOCKETCAN, reason_not_opened
+from canbus.interface_errors import GONE, SOCKETCAN, reason_not_opened
 from canbus.socketcan import make_room, receive_drops
 
 BACKLOG_FRAMES: Final = 4096
@@ -180,7 +179,7 @@ class SocketcanListener:
         except BlockingIOError:
             return
         except OSError as error:
-            if error.errno in (errno.ENODEV, errno.ENXIO):
+            if error.errno in GONE:
                 self._close(number)
                 self._gone.add(place)
                 self._notes.append(f"{channel}: gone; waiting for it to come back")

@@ -42,7 +42,7 @@ _FRAME: Final = struct.Struct("=IB3x8s")
 _STAMP: Final = struct.Struct("@ll")
 """`struct timespec` of SO_TIMESTAMPNS, the one option of python-can's that adds to a frame."""
 _STAMP_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
-_FRAME_BYTES: Final = _FRAME.size
+_STRUCT_BYTES: Final = _FRAME.size
 _AT_ONCE: Final = int(socket.MSG_DONTWAIT)
 """A plain number: Python's enumerations take their time."""
 
@@ -61,7 +61,7 @@ def read_frames(sock: socket.socket, frames_max: int, into: list[tuple[Frame, in
     receive, unpack, unpack_stamp = sock.recvmsg, _FRAME.unpack, _STAMP.unpack
     try:
         for _ in range(frames_max):
-            raw, ancillary, _, _ = receive(_FRAME_BYTES, _STAMP_BYTES, _AT_ONCE)
+            raw, ancillary, _, _ = receive(_STRUCT_BYTES, _STAMP_BYTES, _AT_ONCE)
             word, length, data = unpack(raw)
             seconds, nanoseconds = unpack_stamp(ancillary[0][2])
             data = data[:length]

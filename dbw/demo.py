@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from canbus.interface_errors import SOCKETCAN
 from dbw.dashboard import DEFAULT_PORT, PORT_MAX
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake, complain
 from dbw.options import VIRTUAL, WholeNumber, bus_options, check_two_buses, vehicle_option
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 NS_PER_MS = 1_000_000
 SEED_MAX = 2**32 - 1
-SOCKETCAN = "socketcan"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

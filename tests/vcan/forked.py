@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
@@ -62,6 +63,21 @@ class ForkedDbw:
                 raise subprocess.TimeoutExpired("dbw", timeout or 0.0)
             self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
         return self.returncode
+
+    def communicate(self, timeout: float) -> str:
+        """What it says until it ends.
+
+        Raises:
+            subprocess.TimeoutExpired: It has not in so many seconds.
+        """
+        deadline_s = time.monotonic() + timeout
+        said = b""
+        while wait_for([self.stdout.fileno()], max(0.0, deadline_s - time.monotonic())):
+            news = os.read(self.stdout.fileno(), 1 << 16)
+            if not news:
+                return said.decode()
+            said += news
+        raise subprocess.TimeoutExpired("dbw", timeout)
 
     def send_signal(self, number: int) -> None:
         """Nothing happens to one whose end is known."""

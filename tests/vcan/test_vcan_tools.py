@@ -47,7 +47,7 @@ def monitored(path: Path, count: int) -> list[str]:
     """What `dbw monitor` shows of a log that `canplayer` plays."""
     with ForkedDbw(["monitor", "vcan0", "-n", str(count)]) as monitor:
         play_to_a_listener(path)
-        return monitor.stdout.read().splitlines()
+        return monitor.communicate(timeout=60.0).splitlines()
 
 
 def play_to_a_listener(path: Path) -> None:
