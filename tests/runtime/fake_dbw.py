@@ -3,6 +3,9 @@
 Writes `NAME up` and `NAME down` into $FAKE_DBW_LOG. $FAKE_DBW_DIES names a node that ends at once,
 $FAKE_DBW_DEAF one that does not listen to SIGTERM. With $FAKE_DBW_STAYS none minds the launcher's
 death. Each pings its launcher until it gets SIGUSR1, or not at all with $FAKE_DBW_MUTE.
+
+The signals are waited for, not handled: a handler that sets an `Event` hangs for ever when it comes
+while the main thread has the event's lock.
 """
 
 import contextlib
@@ -10,13 +13,12 @@ import os
 import signal
 import socket
 import sys
-import threading
+
+TOLD = (signal.SIGTERM, signal.SIGUSR1)
 
 name = sys.argv[2]
-done = threading.Event()
-mute = threading.Event()
-if "FAKE_DBW_MUTE" in os.environ:
-    mute.set()
+is_mute = "FAKE_DBW_MUTE" in os.environ
+is_deaf = os.environ.get("FAKE_DBW_DEAF") == name
 
 
 def say(text: str) -> None:
@@ -26,14 +28,15 @@ def say(text: str) -> None:
 
 if os.environ.get("FAKE_DBW_DIES") == name:
     sys.exit(3)
-if os.environ.get("FAKE_DBW_DEAF") == name:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-else:
-    signal.signal(signal.SIGTERM, lambda number, frame: done.set())
-signal.signal(signal.SIGUSR1, lambda number, frame: mute.set())
+signal.pthread_sigmask(signal.SIG_BLOCK, TOLD)
 say("up " + " ".join(sys.argv[3:]))
-while not done.wait(0.02):
-    if not mute.is_set():
+while True:
+    told = signal.sigtimedwait(TOLD, 0.02)
+    if told is not None and told.si_signo == signal.SIGTERM and not is_deaf:
+        break
+    if told is not None and told.si_signo == signal.SIGUSR1:
+        is_mute = True
+    if not is_mute:
         with (
             contextlib.suppress(OSError),
             socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as ping,

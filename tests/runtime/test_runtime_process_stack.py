@@ -438,7 +438,7 @@ def test_children_that_outlive_their_launcher_are_ended_in_order_by_stop(
 ) -> None:
     monkeypatch.setenv("FAKE_DBW_STAYS", "1")
     monkeypatch.setenv("FAKE_DBW_DEAF", "throttle")
-    monkeypatch.setattr(stack_control, "TERMINATE_S_MAX", 0.3)
+    monkeypatch.setattr(stack_control, "TERMINATE_S_MAX", 1.0)
     launcher = subprocess.Popen([sys.executable, "-c", LAUNCHER, *FAKE])
     wait_until(log.all_up)
     launcher.kill()
