@@ -127,6 +127,12 @@ def _actuator(fault: Fault) -> Expectation:
     }.get(fault.target, ANYTHING)
 
 
+def _drive(fault: Fault) -> Expectation:
+    """Heard of within its ECU's 60 ms; a steering without drive, or with one that turns where it
+    was told last, leaves the path first."""
+    return replace(BRAKES_IF_SILENT, excuses=frozenset({PATH}))
+
+
 def _reading(fault: Fault) -> Expectation:
     return OFF_THE_PATH if SENSORS[fault.target].node == "Steering" else ANYTHING
 
@@ -171,6 +177,10 @@ RULES: dict[FaultKind, Rule] = {
     _K.ACTUATOR_WEAK: _actuator,
     _K.ACTUATOR_SLOW: _actuator,
     _K.ACTUATOR_HOT: _actuator,
+    _K.DRIVE_FAULT: _drive,
+    _K.DRIVE_DEAD: _drive,
+    _K.DRIVE_MUTE: _drive,
+    _K.DRIVE_DEAF: _always(OFF_THE_PATH),  # it says so when it has missed its ECU for 150 ms
     _K.PLANNER_FROZEN: _always(BRAKES_IF_SILENT),
     _K.PLANNER_LATE: _always(ANYTHING),
     _K.PLANNER_ABSURD: _always(OFF_THE_PATH),

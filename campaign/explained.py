@@ -14,13 +14,13 @@ from functools import partial
 from pathlib import Path
 
 from campaign.fork import in_a_fork
-from campaign.matrix import ALL, BEGIN_S, SEEDS, WATCH_S, cases, column
-from campaign.run import Scenario, build
-from campaign.settings import CampaignSettings
+from campaign.matrix import ALL, BEGIN_NS, BEGIN_S, SEEDS, WATCH_S, column, drives
+from campaign.run import Scenario
 from dbc.endpoint import SPEC_OF_NAME
 from simulation.fault_kinds import KINDS, FaultKind
 from simulation.faults import Fault
 from telemetry.bus_log import BusLog
+from telemetry.why.drives import ECU_OF_DRIVE
 from telemetry.why.incident import Cause, CauseKind, Incident, Kind
 from telemetry.why.watch import Watch
 from vehicles import Vehicle
@@ -61,6 +61,10 @@ TELLS: dict[FaultKind, frozenset[CauseKind]] = {
     _K.ACTUATOR_WEAK: frozenset({_C.NOT_FOLLOWING}),
     _K.ACTUATOR_SLOW: frozenset({_C.NOT_FOLLOWING}),
     _K.ACTUATOR_HOT: frozenset({_C.NOT_FOLLOWING}),
+    _K.DRIVE_FAULT: frozenset({_C.MOTOR_FAULT}),
+    _K.DRIVE_DEAD: frozenset({_C.NODE_SILENT}),
+    _K.DRIVE_MUTE: frozenset({_C.NODE_SILENT}),
+    _K.DRIVE_DEAF: frozenset({_C.MOTOR_FAULT}),  # it misses its ECU
     _K.PLANNER_FROZEN: frozenset({_C.PLANNER_SILENT}),
     _K.PLANNER_LATE: frozenset({_C.PLANNER_SILENT}),
     _K.PLANNER_NAN: frozenset({_C.PLANNER_SILENT}),
@@ -68,9 +72,9 @@ TELLS: dict[FaultKind, frozenset[CauseKind]] = {
 }
 """What a log can show of a fault, at best. Of the others, that it stops the car is a surprise."""
 
-CONTROL_PLACE = {
+PLACE_OF = {
     "steering_wheel": "Steering", "throttle_pedal": "Throttle", "brake_pedal": "BrakeServo",
-    "button": "Supervisor",
+    "button": "Supervisor", **ECU_OF_DRIVE,
 }
 PLACELESS = frozenset(
     {_C.BUS_FLOODED, _C.BUS_SILENT, _C.POWER_LOST, _C.PLANNER_SILENT, _C.PLANNER_REQUEST}
@@ -109,7 +113,8 @@ class Answer:
             return Verdict.WRONG
         is_kind = self.cause.kind in TELLS.get(self.fault.kind, frozenset())
         is_message = self.cause.kind in OF_MESSAGE and self.fault.target in SPEC_OF_NAME
-        if is_message and self.cause.subject != self.fault.target:
+        is_named = is_message or self.fault.target in ECU_OF_DRIVE
+        if is_named and self.cause.subject != self.fault.target:
             return Verdict.PLACE
         return Verdict.RIGHT if is_kind else Verdict.PLACE
 
@@ -128,7 +133,7 @@ def place_of(cause: Cause) -> str:
     name = cause.subject.partition(".")[0]
     if name in SPEC_OF_NAME:
         return SPEC_OF_NAME[name].sender or ALL
-    return CONTROL_PLACE.get(name, name)
+    return PLACE_OF.get(name, name)
 
 
 def first_cause(log: BusLog, vehicle: Vehicle, from_s: float) -> Cause | None:
@@ -148,13 +153,11 @@ def first_cause(log: BusLog, vehicle: Vehicle, from_s: float) -> Cause | None:
 
 def answers(seeds: Sequence[int] = SEEDS) -> Iterator[Answer]:
     """One for every fault of the matrix that ended a drive, by the ledger or by the log."""
-    for seed in seeds:
-        scenario = build(CampaignSettings(), seed)
+    for seed, scenario, faults in drives(seeds):
         log = BusLog()
         scenario.world.wire.witnesses.append(log)
-        scenario.world.run_until(round(BEGIN_S * NS_PER_S))
-
-        for fault in cases():
+        scenario.world.run_until(BEGIN_NS)
+        for fault in faults:
             has_ended, cause = in_a_fork(partial(_future, scenario, log, fault))
             if has_ended or cause is not None:
                 yield Answer(seed=seed, fault=fault, cause=cause)

@@ -17,16 +17,29 @@ from campaign.run import Scenario, build, finish
 from campaign.settings import CampaignSettings
 from canbus.node import NODE_IDS
 from dbc.endpoint import SPEC_OF_NAME
-from simulation.fault_kinds import KINDS, SENSORS, TARGETS, FaultKind, Strikes, described
+from simulation.fault_kinds import (
+    KINDS,
+    SENSORS,
+    TARGETS,
+    FaultKind,
+    Strikes,
+    described,
+    kinds_for,
+)
 from simulation.faults import Fault
+from telemetry.why.drives import ECU_OF_DRIVE
+from vehicles import load_vehicle
 
 PATH = Path(__file__).parents[1] / "docs" / "fault-matrix.md"
+CARS = ("tabby_evo", "baja_5b")
+"""Kinds of fault that the first cannot have strike the second: its motors hang on drives."""
 SEEDS = (1, 2)
 BEGIN_S = 8.0
 """Engaged for some six seconds by then, and in a bend, for these seeds."""
 FAULT_S = 2.0
 WATCH_S = 4.0
 NS_PER_S = 1_000_000_000
+BEGIN_NS = round(BEGIN_S * NS_PER_S)
 ALL = "car, bus, planner"
 COLUMNS = (*NODE_IDS, ALL)
 CONTROL_NODE = {"steering": "Steering", "throttle": "Throttle", "brake": "BrakeServo",
@@ -44,22 +57,35 @@ HEAD = """# Fault matrix
 Written by `make matrix` (`python -m campaign.matrix`); a test compares it with what happens. Every
 kind of fault, alone, of the kind's own size and for {fault_s:g} s, in a car that drives itself on a
 winding road: {seeds} drives, each forked for every fault, all judged by the properties of
-`oracle/`, of which none broke.
+`oracle/`, of which none broke. The car is {car}; faults of motor drives strike {other}.
 
 A cell tells what the car did, the first code on the bus, and the worst time, in whole ms, from the
 fault to EMERGENCY_BRAKE on the bus or the servo's full setpoint (to MANUAL where the driver takes
 over), before the time that is allowed. A fault of a message stands in its sender's column, one of a
-sensor or control in the column of who reads it. Where not all cases of a cell ended alike, it says
-how many did.
+sensor, control or drive in the column of who reads or commands it. Where not all cases of a cell
+ended alike, it says how many did.
 
 """
 
 
-def cases() -> Iterator[Fault]:
-    """Every kind with every target."""
-    for kind, spec in KINDS.items():
-        for target in TARGETS[spec.strikes]:
-            yield Fault(kind=kind, target=target, at_s=BEGIN_S, for_s=FAULT_S)
+def cases() -> Iterator[tuple[str, list[Fault]]]:
+    """Every kind with every target, in the first car that can have it."""
+    done: set[FaultKind] = set()
+    for car in CARS:
+        kinds = [kind for kind in kinds_for(load_vehicle(car)) if kind not in done]
+        done.update(kinds)
+        yield car, [
+            Fault(kind=kind, target=target, at_s=BEGIN_S, for_s=FAULT_S)
+            for kind in kinds
+            for target in TARGETS[KINDS[kind].strikes]
+        ]
+
+
+def drives(seeds: Sequence[int]) -> Iterator[tuple[int, Scenario, list[Fault]]]:
+    """Cars that drive themselves, at their power-on, with the faults for `BEGIN_NS`."""
+    for car, faults in cases():
+        for seed in seeds:
+            yield seed, build(CampaignSettings(vehicle=car), seed), faults
 
 
 def column(fault: Fault | InjectionResult) -> str:
@@ -71,6 +97,8 @@ def column(fault: Fault | InjectionResult) -> str:
             return SENSORS[fault.target].node
         case Strikes.NODE | Strikes.ENCODER | Strikes.ACTUATOR:
             return fault.target
+        case Strikes.DRIVE:
+            return ECU_OF_DRIVE[fault.target]
         case Strikes.CONTROL:
             return CONTROL_NODE[fault.target]
     return ALL
@@ -78,10 +106,9 @@ def column(fault: Fault | InjectionResult) -> str:
 
 def run_cases(seeds: Sequence[int] = SEEDS) -> Iterator[SeedResult]:
     """Every case in every drive; each result holds one injection."""
-    for seed in seeds:
-        scenario = build(CampaignSettings(), seed)
-        scenario.world.run_until(round(BEGIN_S * NS_PER_S))
-        for fault in cases():
+    for seed, scenario, faults in drives(seeds):
+        scenario.world.run_until(BEGIN_NS)
+        for fault in faults:
             yield in_a_fork(partial(_future, scenario, seed, fault))
 
 
@@ -113,7 +140,7 @@ def matrix(results: Sequence[SeedResult]) -> str:
             f"| **{kind}**: {described(kind, spec.default)} | "
             f"{' | '.join(cell(items) for items in found)} | {', '.join(sorted(judges))} |"
         )
-    head = HEAD.format(fault_s=FAULT_S, seeds=len(SEEDS))
+    head = HEAD.format(fault_s=FAULT_S, seeds=len(SEEDS), car=CARS[0], other=CARS[1])
     return head + "\n".join(lines) + "\n"
 
 

@@ -14,7 +14,7 @@ from typing import Final
 
 from numpy.random import Generator
 
-from campaign.route import Route
+from campaign.route import RoadLimits, Route
 from dbc.messages import Mode, Request
 from gateway.commands import CommandError, Decision, decide
 from gateway.core import PlannerInputs
@@ -36,6 +36,9 @@ ENGAGE_RETRY_NS = 200_000_000
 LEAD_S = 0.25
 """How far ahead of the road the curvature is asked for: the steering's own lag."""
 DAMPING = 0.9
+LENGTH_M = 2.0
+LENGTH_S = 0.5
+"""Within how many metres the pattern's car is back on its road: so many, and these seconds' way."""
 LOST: Final = frozenset({FaultKind.PLANNER_ABSURD, FaultKind.PLANNER_OSCILLATING})
 """They lead the car off its road."""
 
@@ -60,7 +63,9 @@ class Pilot:
         fault: Callable[[], Fault | None],
         is_busy: Callable[[], bool],
     ) -> None:
-        self.route: Final = Route(rng)
+        limits = RoadLimits.of(world.vehicle)
+        self.route: Final = Route(rng, limits)
+        self._length_m = LENGTH_M * limits.scale
         self.is_driving = False
         self._world = world
         self._rng = rng
@@ -114,7 +119,7 @@ class Pilot:
     def _curvature_per_m(self) -> float:
         """Back to the road within some metres, without overshoot; bounded by the vehicle."""
         route, speed_mps = self.route, max(self._chassis.speed_mps, 0.0)
-        length_m = 2.0 + 0.5 * speed_mps
+        length_m = self._length_m + LENGTH_S * speed_mps
         ahead_per_m = route.curvature_per_m + route.curvature_rate_per_ms * LEAD_S
         wanted_per_m = (ahead_per_m - route.offset_m / length_m**2
                         - 2.0 * DAMPING * route.heading_error_rad / length_m)

@@ -26,7 +26,6 @@ from telemetry.bus_log import BusLog
 from telemetry.folder import ResultFolder
 from telemetry.plots import plot_signals
 from telemetry.signals import NamedSpan, Staged, read_signals
-from vehicles import load_vehicle
 
 CHANNEL = "vcan0"
 STATE_ID = ID_OF_NAME["SUPERVISOR_STATE"]
@@ -159,7 +158,7 @@ def write_replay(folder: Path, again: Replay, fewest: Minimal[Fault] | None = No
     Raises:
         FolderError: They cannot be written.
     """
-    vehicle = load_vehicle(again.settings.vehicle)
+    vehicle = again.settings.car
     log = again.recorder.log
     with ResultFolder(folder) as unfinished:
         path = unfinished.path

@@ -272,6 +272,8 @@ def _failure(failing: FailingSeed, settings: CampaignSettings) -> Failure:
 def replay_command(settings: CampaignSettings, seed: int) -> str:
     """The line that repeats a seed."""
     parts = ["dbw", "campaign", "--replay", str(seed)]
+    if settings.vehicle != CampaignSettings.vehicle:
+        parts += ["--vehicle", settings.vehicle]
     if settings.faults_text:
         parts += ["--faults", settings.faults_name]
     return shlex.join(parts)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -15,22 +14,16 @@ from campaign.result import SeedResult, ViolationResult
 from campaign.settings import CampaignSettings
 from campaign.swarm import storms
 from oracle.judge import Oracle
-from simulation.fault_kinds import KINDS, Strikes
+from simulation.fault_kinds import KINDS, Strikes, kinds_for
 from simulation.faults import Fault
 from simulation.injector import Injector
 from simulation.observer import Observer
 from simulation.world import World
-from vehicles import Vehicle, load_vehicle
 
 FAULT_STREAM = 1
 """Sets the generator of a seed's faults apart from the world's own."""
 FALSE_TRIP = "no emergency brake without a reason"
 NS_PER_S = 1_000_000_000
-
-
-@cache
-def _vehicle(name: str) -> Vehicle:
-    return load_vehicle(name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,9 +39,8 @@ class Scenario:
 
 def build(settings: CampaignSettings, seed: int) -> Scenario:
     """The world of a seed, without faults planned."""
-    vehicle = _vehicle(settings.vehicle)
-    world = World(vehicle, seed, keep_frames=False)
-    oracle = Oracle(vehicle)
+    world = World(settings.car, seed, keep_frames=False)
+    oracle = Oracle(settings.car)
     ledger = Ledger(world, oracle)
     injector = Injector(world, world.fault_rng)
     injector.listeners.append(ledger.on_fault)
@@ -90,7 +82,7 @@ def faults_of(settings: CampaignSettings, seed: int) -> list[Fault]:
     """The faults that a seed draws, with their times, in order."""
     rng = np.random.default_rng((seed, FAULT_STREAM))
     if settings.faults is None:
-        return storms(settings.seed_s, rng)
+        return storms(settings.seed_s, rng, kinds_for(settings.car))
     return settings.faults.draw(settings.seed_s, rng)
 
 

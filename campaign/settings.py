@@ -6,7 +6,9 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 
+from simulation.fault_kinds import kinds_for
 from simulation.faults import FaultPlan, parse_faults
+from vehicles import Vehicle, load_vehicle, parse_vehicle
 
 SEED_S = 120.0
 """Virtual time of one seed: some ten storms."""
@@ -18,30 +20,54 @@ class CampaignSettings:
     """Plain data, so that it can be sent to workers.
 
     Attributes:
-        vehicle: Name of a vehicle file.
+        vehicle: Name of a shipped vehicle, or what the user's own file is called in errors.
+        vehicle_text: The user's own vehicle file; empty: the shipped one of that name.
         seed_s: Virtual time of each seed.
         faults_text: A file of faults (`simulation.faults`); empty: each seed draws its own swarm.
         faults_name: What that file is called in errors.
     """
 
     vehicle: str = "tabby_evo"
+    vehicle_text: str = ""
     seed_s: float = SEED_S
     faults_text: str = ""
     faults_name: str = "faults"
+
+    @cached_property
+    def car(self) -> Vehicle:
+        """What the nodes believe.
+
+        Raises:
+            VehicleError: the vehicle is not known, or its file cannot be used.
+        """
+        if self.vehicle_text:
+            return parse_vehicle(self.vehicle_text, self.vehicle)
+        return load_vehicle(self.vehicle)
 
     @cached_property
     def faults(self) -> FaultPlan | None:
         """The file's plan; None for swarms.
 
         Raises:
-            FaultError: the file cannot be used: file, line and reason.
+            FaultError: the file cannot be used for this car: file, line and reason.
         """
-        return parse_faults(self.faults_text, self.faults_name) if self.faults_text else None
+        if not self.faults_text:
+            return None
+        return parse_faults(self.faults_text, self.faults_name, kinds_for(self.car))
+
+    def check(self) -> None:
+        """Reads what there is to read.
+
+        Raises:
+            VehicleError: as `car`.
+            FaultError: as `faults`.
+        """
+        _ = self.car, self.faults
 
     @property
     def sha256(self) -> str:
         """Of everything that makes a seed what it is."""
-        parts = (self.vehicle, repr(self.seed_s), self.faults_text)
+        parts = (self.vehicle, self.vehicle_text, repr(self.seed_s), self.faults_text)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     def seeds(self, hours: float, first: int) -> range:

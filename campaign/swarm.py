@@ -7,6 +7,7 @@ in which the car must come back by itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from numpy.random import Generator
@@ -36,16 +37,16 @@ VALUE_MAX = {
 CLOCK_JUMP_MS = (1.0, 3000.0)
 
 
-def storms(duration_s: float, rng: Generator) -> list[Fault]:
-    """All faults of one seed, in order of their beginning."""
+def storms(duration_s: float, rng: Generator, kinds: Sequence[FaultKind]) -> list[Fault]:
+    """All faults of one seed, in order of their beginning; `kinds` are those the car can have."""
     if rng.random() < CALM_SEED_SHARE:
         return []
-    kinds = [kind for kind in FaultKind if rng.random() < ON_SHARE] or list(FaultKind)
+    chosen = [kind for kind in kinds if rng.random() < ON_SHARE] or list(kinds)
     faults: list[Fault] = []
     begin_s = FIRST_S + float(rng.uniform(0.0, 2.0))
     while True:
         count = 1 if rng.random() < ALONE_SHARE else int(rng.integers(2, FAULTS_MAX + 1))
-        storm = [_draw(begin_s, kinds, rng) for _ in range(count)]
+        storm = [_draw(begin_s, chosen, rng) for _ in range(count)]
         over_s = max(_end_s(fault) for fault in storm)
         if over_s + CALM_S > duration_s:
             break

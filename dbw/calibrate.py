@@ -89,9 +89,10 @@ def run_calibrate(options: CalibrateOptions) -> int:
     """
     from telemetry.steering_zero import CalibrationError, check_usable, combined, zero_of
     from vehicles import load_vehicle
+    from vehicles.reading import is_file
 
     vehicle = load_vehicle(options.file)
-    if not options.file.endswith(".toml") and not options.dry_run:
+    if not is_file(options.file) and not options.dry_run:
         raise UserMistake(
             f"{options.file} is one of the package's own files: copy it, or take --dry-run"
         )

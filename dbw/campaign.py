@@ -12,7 +12,7 @@ import click
 
 from dbw.demo import SEED_MAX, interrupt_on_sigterm
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake, complain
-from dbw.options import WholeNumber
+from dbw.options import VEHICLE_DEFAULT, WholeNumber, vehicle_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,6 +37,7 @@ class CampaignOptions:
 
     hours: float
     seed: int
+    vehicle: str
     workers: str
     faults: Path | None
     out: Path
@@ -44,6 +45,8 @@ class CampaignOptions:
     def repeat(self, seed: int) -> str:
         """The command line that repeats one seed."""
         words = ["dbw", "campaign", "--replay", str(seed), "--out", str(self.out)]
+        if self.vehicle != VEHICLE_DEFAULT:
+            words += ["--vehicle", self.vehicle]
         if self.faults is not None:
             words += ["--faults", str(self.faults)]
         return shlex.join(words)
@@ -53,6 +56,7 @@ class CampaignOptions:
     epilog="""\b
 Examples:
   dbw campaign --hours 10
+  dbw campaign --vehicle my-car.toml --out out/my-car
   dbw campaign --hours 1000 --seed 7 --workers dask://10.0.0.2:8786 --out out/night
   dbw campaign --faults my-faults.toml --out out/mine
   dbw campaign --replay 17"""
@@ -71,6 +75,7 @@ Examples:
     show_default=True,
     help="The first one. A seed is one car, one route and its faults.",
 )
+@vehicle_option
 @click.option(
     "--workers",
     default="auto",
@@ -103,6 +108,7 @@ Examples:
 def campaign(
     hours: float,
     seed: int,
+    vehicle: str,
     workers: str,
     faults: Path | None,
     out: Path,
@@ -116,7 +122,9 @@ def campaign(
     command goes on where it was interrupted. The exit code is 1 if any property broke or a fault
     was not answered in time.
     """
-    options = CampaignOptions(hours=hours, seed=seed, workers=workers, faults=faults, out=out)
+    options = CampaignOptions(
+        hours=hours, seed=seed, vehicle=vehicle, workers=workers, faults=faults, out=out
+    )
     if replay is not None and restart:
         raise UserMistake("--replay repeats a seed of what is there: --restart would remove it")
     try:
@@ -137,16 +145,22 @@ def settings_of(options: CampaignOptions) -> CampaignSettings:
     """What all seeds have in common.
 
     Raises:
-        FaultError: The file of faults cannot be used: file, line and reason.
+        VehicleError: The vehicle is not known, or its file cannot be used: file and field.
+        FaultError: The file of faults cannot be used for it: file, line and reason.
     """
     from campaign.settings import CampaignSettings
-    from simulation.faults import load_faults
+    from simulation.faults import read_faults
+    from vehicles.reading import is_file, vehicle_text
 
-    if options.faults is None:
-        return CampaignSettings()
-    load_faults(options.faults)
-    text = options.faults.read_text(encoding="utf-8")
-    return CampaignSettings(faults_text=text, faults_name=str(options.faults))
+    name, faults = options.vehicle, options.faults
+    settings = CampaignSettings(
+        vehicle=name,
+        vehicle_text=vehicle_text(name) if is_file(name) else "",
+        faults_text="" if faults is None else read_faults(faults),
+        faults_name="" if faults is None else str(faults),
+    )
+    settings.check()
+    return settings
 
 
 def run_campaign(options: CampaignOptions, restart: bool) -> int:

@@ -18,6 +18,8 @@ BITRATE_BPS_MAX = 1_000_000
 STANDARD_INPUT = "-"
 """Name of a log that comes through a pipe."""
 
+VEHICLE_DEFAULT = "tabby_evo"
+
 VIRTUAL = "virtual"
 """An interface that lives inside one process."""
 
@@ -144,7 +146,7 @@ def vehicle_option(command: CommandT) -> CommandT:
     """`--vehicle`."""
     return click.option(
         "--vehicle",
-        default="tabby_evo",
+        default=VEHICLE_DEFAULT,
         show_default=True,
         metavar="NAME|FILE.toml",
         help="What the nodes believe about the car.",

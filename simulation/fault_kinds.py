@@ -8,6 +8,8 @@ from enum import Enum, StrEnum
 
 from canbus.node import NODE_IDS
 from dbc.messages import SPECS
+from vehicles import Vehicle
+from vehicles.vehicle import DRIVE_NAMES
 
 
 class FaultKind(StrEnum):
@@ -51,6 +53,11 @@ class FaultKind(StrEnum):
     ACTUATOR_WEAK = "actuator_weak"
     ACTUATOR_SLOW = "actuator_slow"
     ACTUATOR_HOT = "actuator_hot"
+    # one motor drive on the bus
+    DRIVE_FAULT = "drive_fault"
+    DRIVE_DEAD = "drive_dead"
+    DRIVE_MUTE = "drive_mute"
+    DRIVE_DEAF = "drive_deaf"
     # the planner
     PLANNER_FROZEN = "planner_frozen"
     PLANNER_LATE = "planner_late"
@@ -72,6 +79,7 @@ class Strikes(Enum):
     SENSOR = "sensor"
     ENCODER = "encoder"
     ACTUATOR = "actuator"
+    DRIVE = "drive"
     CONTROL = "control"
     NOTHING = ""
 
@@ -120,6 +128,7 @@ TARGETS: dict[Strikes, tuple[str, ...]] = {
     Strikes.SENSOR: tuple(SENSORS),
     Strikes.ENCODER: ("Throttle", "BrakeServo"),
     Strikes.ACTUATOR: ("Steering", "Throttle", "BrakeServo"),
+    Strikes.DRIVE: DRIVE_NAMES,
     Strikes.CONTROL: ("steering", "throttle", "brake", "button", "emergency_stop"),
     Strikes.NOTHING: ("",),
 }
@@ -174,6 +183,10 @@ def _actuator(does: str, unit: str = "", low: float = 0.0, high: float = 0.0,
                     default=default)
 
 
+def _drive(does: str) -> KindSpec:
+    return KindSpec(strikes=Strikes.DRIVE, does=does)
+
+
 def _other(does: str, unit: str = "", low: float = 0.0, high: float = 0.0,
            default: float = 0.0, *, has_share: bool = False, is_instant: bool = False) -> KindSpec:
     return KindSpec(strikes=Strikes.NOTHING, does=does, unit=unit, low=low, high=high,
@@ -218,6 +231,10 @@ KINDS: dict[FaultKind, KindSpec] = {
     _K.ACTUATOR_WEAK: _actuator("does {value} of what is asked", "", 0.0, 1.0, 0.3),
     _K.ACTUATOR_SLOW: _actuator("follows with a lag of {value}", "s", 0.001, 10.0, 0.5),
     _K.ACTUATOR_HOT: _actuator("loses all power within {value}", "s", 0.001, 100.0, 2.0),
+    _K.DRIVE_FAULT: _drive("trips, and cannot be reset meanwhile"),
+    _K.DRIVE_DEAD: _drive("has no power"),
+    _K.DRIVE_MUTE: _drive("is heard by nobody"),
+    _K.DRIVE_DEAF: _drive("hears nobody"),
     _K.PLANNER_FROZEN: _other("decides nothing any more"),
     _K.PLANNER_LATE: _other("decides every {value}", "ms", 20.0, 5000.0, 80.0),
     _K.PLANNER_ABSURD: _other("jumps between the ends of what is allowed"),
@@ -235,6 +252,13 @@ KINDS: dict[FaultKind, KindSpec] = {
 
 assert KINDS.keys() == set(FaultKind)
 assert all(spec.low <= spec.default <= spec.high for spec in KINDS.values())
+
+
+def kinds_for(vehicle: Vehicle) -> tuple[FaultKind, ...]:
+    """Kinds of fault that a car can have: those of motor drives only where there are some."""
+    has_drives = vehicle.drives is not None
+    return tuple(k for k, spec in KINDS.items() if has_drives or spec.strikes is not Strikes.DRIVE)
+
 
 def described(kind: FaultKind, value: float) -> str:
     """What a fault does, with its number."""

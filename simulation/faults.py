@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -118,25 +119,29 @@ class FaultPlan:
         return sorted(drawn, key=lambda fault: fault.at_s)
 
 
-def load_faults(path: Path) -> FaultPlan:
-    """Reads a file of faults.
+def read_faults(path: Path) -> str:
+    """The text of a file of faults, not looked at yet.
 
     Raises:
-        FaultError: it cannot be read, or a fault cannot be: file, line and reason.
+        FaultError: it cannot be read: file and reason.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no UTF-8 text"
         raise FaultError(f"{path}: {reason}") from error
-    return parse_faults(text, str(path))
 
 
-def parse_faults(text: str, name: str) -> FaultPlan:
-    """The same from text; `name` is told in errors.
+def parse_faults(text: str, name: str, kinds: Collection[FaultKind] = KINDS) -> FaultPlan:
+    """What a file of faults asks for.
+
+    Args:
+        text: Of the file.
+        name: Of the file, for errors.
+        kinds: What the car can have (`fault_kinds.kinds_for`).
 
     Raises:
-        FaultError: as `load_faults`.
+        FaultError: a fault cannot be: file, line and reason.
     """
     try:
         data = tomllib.loads(text)
@@ -155,7 +160,7 @@ def parse_faults(text: str, name: str) -> FaultPlan:
     rates: list[Rate] = []
     for line, table in zip(lines, tables, strict=True):
         try:
-            entry = _entry(table)
+            entry = _entry(table, kinds)
         except FaultError as error:
             raise FaultError(f"{name}: line {line}: {error}") from error
         if isinstance(entry, Rate):
@@ -165,7 +170,7 @@ def parse_faults(text: str, name: str) -> FaultPlan:
     return FaultPlan(fixed=tuple(fixed), rates=tuple(rates))
 
 
-def _entry(table: dict[str, Any]) -> Fault | Rate:
+def _entry(table: dict[str, Any], kinds: Collection[FaultKind]) -> Fault | Rate:
     """One table of a file."""
     unknown = sorted(set(table) - set(FIELDS))
     if unknown:
@@ -173,6 +178,8 @@ def _entry(table: dict[str, Any]) -> Fault | Rate:
     kind = table.get("kind")
     if kind not in list(FaultKind):
         raise FaultError(f"kind {kind!r}: allowed {_any(tuple(FaultKind))}")
+    if kind not in kinds:
+        raise FaultError(f"kind {kind!r}: this car has no motor drives on its bus")
     if ("at_s" in table) == ("per_h" in table):
         raise FaultError("either at_s or per_h is wanted")
     numbers = {name: _number(name, table[name]) for name in FIELDS[2:] if name in table}

@@ -15,10 +15,12 @@ from numpy.random import Generator
 
 from canbus.frame import Frame
 from simulation.disturbance import Disturbance
+from simulation.drives.faults import DriveFault
 from simulation.fault_kinds import KINDS, FaultKind, Strikes
 from simulation.faults import Fault
 from simulation.frame_faults import FrameFaults
 from simulation.overlay import Overlays, Undo
+from simulation.plant.drive_train import DriveUnit
 from simulation.wiring_faults import WiringFaults
 from simulation.world import Station, World
 
@@ -35,6 +37,8 @@ LINGERS_NS = {
 """How long a fault stays after its end, for each unit of its value."""
 STAYS_NS = {FaultKind.BUS_OFF: 200 * NS_PER_MS}  # the controller waits 100 ms, counts, is back
 """How long it stays, whatever its value."""
+DRIVE_FAULT = DriveFault.OVERCURRENT
+"""A drive that trips over it cannot brake its motor any more."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -160,6 +164,8 @@ class Injector:
             return self._wiring.begin(fault, true_ns)
         if strikes is Strikes.CONTROL:
             return self._grab(fault)
+        if strikes is Strikes.DRIVE:
+            return self._strike_drive(fault)
         if strikes is Strikes.NODE:
             return self._strike_node(fault, self._world.stations[fault.target], true_ns)
         return self._strike_all(fault, true_ns)
@@ -230,6 +236,24 @@ class Injector:
 
         return undo
 
+    # Motor drives ----------------------------------------------------------------------------
+
+    def _strike_drive(self, fault: Fault) -> Undo:
+        train, put = self._world.car.train, self._overlays.put
+        assert train is not None, f"{fault.kind}: this car has no motor drives on its bus"
+        unit = next(unit for unit in train.units if unit.name == fault.target)
+        match fault.kind:
+            case FaultKind.DRIVE_FAULT:
+                unit.drive.fail(DRIVE_FAULT)
+                return lambda _: unit.drive.mend(DRIVE_FAULT)
+            case FaultKind.DRIVE_DEAD:
+                unit.is_alive = False
+                return partial(_revive_drive, unit)
+            case FaultKind.DRIVE_MUTE:
+                return put(unit, "is_mute", True)
+        assert fault.kind is FaultKind.DRIVE_DEAF
+        return put(unit, "is_deaf", True)
+
     # The bus, and all nodes ------------------------------------------------------------------
 
     def _strike_all(self, fault: Fault, true_ns: int) -> Undo:
@@ -288,6 +312,11 @@ class Injector:
             case "button":
                 return put(driver, "button_pressed", fault.value > 0.0)
         return put(driver, "emergency_stop_pressed", fault.value > 0.0)
+
+
+def _revive_drive(unit: DriveUnit, true_ns: int) -> None:
+    if not unit.is_alive:
+        unit.restart()
 
 
 def _revive(station: Station, true_ns: int) -> None:

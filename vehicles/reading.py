@@ -106,7 +106,7 @@ def vehicle_text(name_or_path: str) -> str:
     Raises:
         VehicleError: There is no such file.
     """
-    if name_or_path.endswith(".toml"):
+    if is_file(name_or_path):
         try:
             return Path(name_or_path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
@@ -119,8 +119,13 @@ def vehicle_text(name_or_path: str) -> str:
     return files("vehicles").joinpath(_origin(name_or_path)).read_text(encoding="utf-8")
 
 
+def is_file(name_or_path: str) -> bool:
+    """Whether this is a path of the user's own, and no name of a shipped vehicle."""
+    return name_or_path.endswith(".toml")
+
+
 def _origin(name_or_path: str) -> str:
-    return name_or_path if name_or_path.endswith(".toml") else f"{name_or_path}.toml"
+    return name_or_path if is_file(name_or_path) else f"{name_or_path}.toml"
 
 
 def parse_vehicle(text: str, origin: str) -> Vehicle:

@@ -46,6 +46,7 @@ class DriveUnit:
         acceptance: Identifiers that it can ever want.
         is_alive: A dead one does nothing, and its motor coasts.
         is_mute: Its frames reach nobody.
+        is_deaf: Nobody's frames reach it.
     """
 
     def __init__(self, name: str, node_id: int, params: MotorParams, start_ns: int) -> None:
@@ -57,6 +58,7 @@ class DriveUnit:
         self.outbox: list[Frame] = []
         self.is_alive = True
         self.is_mute = False
+        self.is_deaf = False
         bases = (cia402.TARGET_POSITION_ID, cia402.TARGET_VELOCITY_ID, SDO_REQUEST_ID)
         heartbeats = (HEARTBEAT_ID + other for other in NODE_IDS.values())
         self.acceptance = frozenset({NMT_ID, *heartbeats, *(base + node_id for base in bases)})
@@ -76,7 +78,7 @@ class DriveUnit:
             for _ in range(span_ns // TICK_NS):
                 self.motor.step(0.0, TICK_S)
             return
-        frames = self.drive.step(self._now_ns, received)
+        frames = self.drive.step(self._now_ns, () if self.is_deaf else received)
         if frames and not self.is_mute:
             self.outbox += frames
 

@@ -132,9 +132,8 @@ class CanopenWords:
             name = ErrorCode(code).name if code in list(ErrorCode) else f"code {code}"
             why = REASON_TEXT[Reason(reason)] if reason in list(Reason) else f"reason {reason}"
             return f"{who}: {name}: {why}; latched {_codes(bits) or 'none'}"
-        kind = _EMCY_CLASS.get(error >> 8) or _EMCY_CLASS.get(error >> 8 & 0xF0, "unknown")
         rest = data[3:].hex(" ").upper()
-        return f"{who}: 0x{error:04X} {kind}, register 0x{register:02X}, {rest}"
+        return f"{who}: {error_text(error)}, register 0x{register:02X}, {rest}"
 
     def _sdo(self, node_id: int, data: bytes, *, is_request: bool) -> str:
         from telemetry.monitor.sdo_words import sdo_words  # reads EDS files
@@ -143,6 +142,12 @@ class CanopenWords:
         device = "Drive" if node_id in self._drives else node if self._is_own else ""
         said = sdo_words(data, device, is_request=is_request)
         return f"SDO {'to' if is_request else 'from'} {node}: {said}"
+
+
+def error_text(error: int) -> str:
+    """An emergency code with its class: `0x2310 current, output side`."""
+    kind = _EMCY_CLASS.get(error >> 8) or _EMCY_CLASS.get(error >> 8 & 0xF0, "unknown")
+    return f"0x{error:04X} {kind}"
 
 
 def _codes(bits: int) -> str:

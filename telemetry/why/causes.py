@@ -12,6 +12,7 @@ from gateway.sentences import MONITOR_TEXT, REASON_TEXT
 from gateway.state import message_name, verdict_text
 from telemetry.why.absence import no_command, unheard
 from telemetry.why.claims import FOLLOWING
+from telemetry.why.drives import drives_away, motor_fault, node_silent
 from telemetry.why.evidence import NS_PER_MS, SOON_NS, Evidence, Rule, node_text
 from telemetry.why.incident import Cause, CauseKind, Claim
 from telemetry.why.traffic import boot_of, intruded, repeated, strayed, whole_bus
@@ -135,6 +136,10 @@ def _late(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
 def _sensor(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
     """Which reading of the node, or of the message found, is not there."""
     node = claim.node if claim.about is None else claim.about.sender or claim.node
+    away = drives_away(evidence, node, claim.time_ns)
+    if away:  # who told it what it reads
+        yield from away
+        return
     subject, trigger = _lost_reading(evidence, node, claim.time_ns)
     what = f"{subject} could not be read" if subject else "a sensor was out of bounds"
     yield Cause(
@@ -217,10 +222,10 @@ REASON_RULES: Final[dict[Reason, Rule]] = {
     Reason.PLANNER_SILENT: no_command,
     Reason.COMMAND_MISSING: no_command,
     Reason.SUPERVISOR_SILENT: unheard,
-    Reason.NODE_SILENT: unheard,
+    Reason.NODE_SILENT: node_silent,
     Reason.LATE: _late,
     Reason.OVERRUNS: _late,
-    Reason.MOTOR_FAULT: _simple(_K.MOTOR_FAULT, "the steering motor's driver reported a fault"),
+    Reason.MOTOR_FAULT: motor_fault,
     Reason.SENSOR_OUT_OF_BOUNDS: _sensor,
     Reason.SERVO_ON_TOO_LONG: _simple(_K.BRAKE_SERVO, "the brake servo was on for too long"),
     Reason.SERVO_STUCK: _simple(_K.BRAKE_SERVO, "the brake servo did not follow"),

@@ -18,7 +18,6 @@ from campaign.settings import CampaignSettings
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 from simulation.world import World
-from vehicles import load_vehicle
 
 SETTINGS = CampaignSettings()
 KILLER = 11
@@ -87,7 +86,7 @@ def run_failing(
     """Some seeds fail, when a CRASH and a FREEZE come together; a recorder sees half a second."""
     result = result_of(seed)
     if watch is not None:
-        world = World(load_vehicle(settings.vehicle), seed, keep_frames=False)
+        world = World(settings.car, seed, keep_frames=False)
         watch(world)
         world.run_for(0.5)
     given = faults_of(settings, seed) if faults is None else faults

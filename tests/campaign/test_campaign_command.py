@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -23,6 +25,7 @@ from dbw.campaign_screen import CampaignScreen, progress_line
 from dbw.main import main
 from tests.campaign import fakes
 from tests.campaign.test_workers import ROOT, is_running, until
+from vehicles.reading import vehicle_text
 
 Capture = pytest.CaptureFixture[str]
 SEEDS = CampaignSettings().seeds(0.4, 0)
@@ -141,6 +144,9 @@ def test_a_terminated_campaign_keeps_what_is_finished_and_goes_on(
         (["--workers", "dask://127.0.0.1:9"], "dask://127.0.0.1:9: no Dask scheduler answers"),
         (["--workers", "dask://nobody"], "dask://nobody: no Dask scheduler answers"),
         (["--faults", "missing.toml"], "missing.toml: No such file"),
+        (["--vehicle", "tabby"], "vehicle 'tabby' is not known: allowed baja_5b"),
+        (["--vehicle", "missing.toml"], "missing.toml: cannot be read"),
+        (["--replay", "3", "--vehicle", "missing.toml"], "missing.toml: cannot be read"),
         (["--replay", "3", "--faults", "missing.toml"], "missing.toml: No such file"),
         (["--replay", "3", "--restart"], "--restart would remove it"),
         (["--replay", "x"], "'x': a whole number from 0"),
@@ -168,6 +174,39 @@ def refused(arguments: list[str], folder: Path, capsys: Capture) -> str:
     assert shown.err.count("\n") == 1
     assert sorted(folder.rglob("*")) == before
     return shown.err
+
+
+def test_a_users_own_car_is_driven_and_told_from_another(
+    tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
+) -> None:
+    fake(fakes.run_failing)
+    out, car = tmp_path / "out", tmp_path / "my car.toml"
+    text = vehicle_text("fsae_electric").replace('name = "fsae_electric"', 'name = "mine"')
+    car.write_text(text)
+    assert main(arguments(out, "--vehicle", str(car))) == 1
+    again = f"dbw campaign --replay 3 --out {out} --vehicle '{car}'"
+    assert again in capsys.readouterr().out
+    assert main([*shlex.split(again)[1:]]) == 1
+    assert "equal to the stored result" in capsys.readouterr().out
+    assert json.loads((out / "report.json").read_text())["vehicle"] == str(car)
+    assert main(arguments(out)) == 2, "another car"
+    assert "the campaign there has other settings" in capsys.readouterr().err
+    car.write_text(text.replace("mass_kg = { value = 355.0", "mass_kg = { value = 400.0"))
+    assert main(arguments(out, "--vehicle", str(car))) == 2, "the same file, changed"
+    assert "the campaign there has other settings" in capsys.readouterr().err
+
+
+def test_a_fault_of_a_drive_is_refused_for_a_car_without_drives(
+    tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
+) -> None:
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "drive_dead"\ntarget = "LeftWheelDrive"\nat_s = 9.0\n')
+    options = arguments(tmp_path / "out", "--faults", str(faults))
+    assert f"{faults}: line 1: kind 'drive_dead': this car has no motor drives" in refused(
+        options, tmp_path, capsys
+    )
+    fake(fakes.run_seed)
+    assert main([*options, "--vehicle", "baja_5b"]) == 0
 
 
 def test_a_file_of_faults_with_an_error_is_refused_with_its_line(

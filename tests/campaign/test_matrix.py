@@ -8,7 +8,7 @@ import pytest
 
 from campaign.matrix import ALL, COLUMNS, PATH, SEEDS, cases, cell, column, matrix, run_cases
 from campaign.result import Demand, InjectionResult
-from simulation.fault_kinds import KINDS, TARGETS
+from simulation.fault_kinds import KINDS, TARGETS, Strikes
 from simulation.faults import Fault
 from tests.campaign.fakes import result_of
 
@@ -26,11 +26,18 @@ def test_the_matrix_in_the_docs_is_what_happens() -> None:
 
 
 def test_every_kind_with_every_target_is_a_case_and_has_a_column() -> None:
-    every = list(cases())
+    every = [fault for _, faults in cases() for fault in faults]
     assert len(every) == sum(len(TARGETS[spec.strikes]) for spec in KINDS.values())
     assert {column(fault) for fault in every} == set(COLUMNS)
     assert column(Fault(kind=every[0].kind, target="STEER_STATUS")) == "Steering"
     assert ALL not in {column(fault) for fault in every if fault.target}
+
+
+def test_faults_of_drives_strike_the_car_that_has_some() -> None:
+    cars = dict(cases())
+    assert {KINDS[fault.kind].strikes for fault in cars["baja_5b"]} == {Strikes.DRIVE}
+    assert Strikes.DRIVE not in {KINDS[fault.kind].strikes for fault in cars["tabby_evo"]}
+    assert [column(fault) for fault in cars["baja_5b"][:3]] == ["Steering", "Throttle", "Throttle"]
 
 
 def test_a_cell_tells_the_worst_time_before_the_time_allowed() -> None:

@@ -192,6 +192,11 @@ def test_a_seed_with_a_file_of_faults_is_repeated_with_that_file() -> None:
     assert replay_command(settings, 5) == "dbw campaign --replay 5 --faults 'my storm.toml'"
 
 
+def test_a_seed_of_another_car_is_repeated_with_that_car() -> None:
+    settings = CampaignSettings(vehicle="my car.toml", vehicle_text="x")
+    assert replay_command(settings, 5) == "dbw campaign --replay 5 --vehicle 'my car.toml'"
+
+
 def test_of_many_failing_seeds_all_are_told_and_some_in_words(tmp_path: Path) -> None:
     results = [replace(GOOD, seed=seed, violations=(BROKEN,) * 9) for seed in range(300)]
     report, page = written(tmp_path, results)

@@ -7,14 +7,16 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from campaign.route import CURVATURE_PER_M_MAX, LATERAL_MPS2_MAX, SPEED_MPS, Route
+from campaign.route import LATERAL_MPS2_MAX, RoadLimits, Route
+from vehicles import known_vehicles, load_vehicle
 
 SPAN_S = 0.02
+LIMITS = RoadLimits.of(load_vehicle("tabby_evo"))
 
 
-def follow(seed: int, steps: int) -> list[tuple[float, float, float]]:
+def follow(seed: int, steps: int, limits: RoadLimits = LIMITS) -> list[tuple[float, float, float]]:
     """Drives exactly along the road at its speed; `(speed, curvature, offset)` of every step."""
-    route = Route(np.random.default_rng(seed))
+    route = Route(np.random.default_rng(seed), limits)
     x_m = y_m = heading_rad = speed_mps = 0.0
     route.begin(x_m, y_m, heading_rad)
     rows = []
@@ -32,11 +34,26 @@ def follow(seed: int, steps: int) -> list[tuple[float, float, float]]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_road_stays_within_speed_curvature_and_lateral_acceleration(seed: int) -> None:
-    for speed_mps, curvature_per_m, _ in follow(seed, 10_000):
-        assert speed_mps <= SPEED_MPS[1]
-        assert abs(curvature_per_m) <= CURVATURE_PER_M_MAX
+@pytest.mark.parametrize("name", known_vehicles())
+def test_the_road_stays_within_speed_curvature_and_lateral_acceleration(
+    name: str, seed: int
+) -> None:
+    vehicle = load_vehicle(name)
+    limits = RoadLimits.of(vehicle)
+    assert limits.speed_mps[0] < limits.speed_mps[1] <= 0.9 * vehicle.traction.speed_mps_max
+    assert limits.curvature_per_m_max <= 0.8 * vehicle.curvature_per_m_max
+    for speed_mps, curvature_per_m, _ in follow(seed, 10_000, limits):
+        assert speed_mps <= limits.speed_mps[1]
+        assert abs(curvature_per_m) <= limits.curvature_per_m_max
         assert speed_mps**2 * abs(curvature_per_m) < 1.3 * LATERAL_MPS2_MAX
+
+
+def test_a_short_car_turns_its_wheels_as_far_as_a_long_one() -> None:
+    long, short = load_vehicle("tabby_evo"), load_vehicle("baja_5b")
+    bends = [
+        RoadLimits.of(car).curvature_per_m_max * car.geometry.wheelbase_m for car in (long, short)
+    ]
+    assert bends[0] == pytest.approx(bends[1]) == pytest.approx(0.165, abs=0.001)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -46,14 +63,14 @@ def test_a_car_exactly_on_the_road_is_not_beside_it(seed: int) -> None:
 
 def test_offsets_are_positive_to_the_left_whatever_the_heading() -> None:
     for heading_rad in (0.0, 1.0, pi, -2.0):
-        route = Route(np.random.default_rng(0))
+        route = Route(np.random.default_rng(0), LIMITS)
         route.begin(3.0, -2.0, heading_rad)
         left = (3.0 - 0.5 * sin(heading_rad), -2.0 + 0.5 * cos(heading_rad))
         assert route.offset_of(*left) == pytest.approx(0.5)
 
 
 def test_a_road_does_not_bend_under_a_standing_car() -> None:
-    route = Route(np.random.default_rng(1))
+    route = Route(np.random.default_rng(1), LIMITS)
     route.begin(0.0, 0.0, 0.0)
     for _ in range(1000):
         route.go_on(0.0, 0.0, 0.0, 0.0, SPAN_S)

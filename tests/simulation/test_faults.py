@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulation.fault_kinds import KINDS, TARGETS, FaultKind, Strikes
-from simulation.faults import Fault, FaultError, FaultPlan, load_faults, parse_faults
+from simulation.fault_kinds import KINDS, TARGETS, FaultKind, Strikes, kinds_for
+from simulation.faults import Fault, FaultError, FaultPlan, parse_faults, read_faults
+from vehicles import load_vehicle
 
 STORM = """
 # a storm
@@ -72,7 +73,7 @@ def test_a_fault_that_cannot_be_is_refused(changes: dict[str, object], text: str
 def test_a_file_is_read(tmp_path: Path) -> None:
     path = tmp_path / "storm.toml"
     path.write_text(STORM, encoding="utf-8")
-    plan = load_faults(path)
+    plan = parse_faults(read_faults(path), "storm")
     assert plan.fixed == (Fault(kind=FaultKind.CRASH, target="Steering", at_s=3.5),)
     assert plan.rates[0].per_h == 720.0 and plan.rates[0].fault.share == 0.5
 
@@ -123,10 +124,20 @@ def test_a_file_that_cannot_be_used_is_refused_with_line_and_reason(text: str, t
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FaultError, match=r"missing.toml: No such file"):
-        load_faults(tmp_path / "missing.toml")
+        read_faults(tmp_path / "missing.toml")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FaultError, match="no UTF-8 text"):
-        load_faults(tmp_path / "binary")
+        read_faults(tmp_path / "binary")
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind, spec in KINDS.items() if spec.strikes is Strikes.DRIVE]
+)
+def test_a_fault_of_a_drive_is_refused_for_a_car_without_drives(kind: FaultKind) -> None:
+    text = bad(f'kind = "{kind}"\ntarget = "LeftWheelDrive"\nat_s = 1')
+    assert parse_faults(text, "f", kinds_for(load_vehicle("baja_5b"))).fixed[0].kind is kind
+    with pytest.raises(FaultError, match=rf"f: line 3: kind '{kind}': this car has no motor"):
+        parse_faults(text, "f", kinds_for(load_vehicle("tabby_evo")))
 
 
 def test_every_strike_has_targets() -> None:
