@@ -53,6 +53,7 @@ def test_a_short_car_turns_its_wheels_as_far_as_a_long_one() -> None:
     bends = [
         RoadLimits.of(car).curvature_per_m_max * car.geometry.wheelbase_m for car in (long, short)
     ]
+    assert RoadLimits.of(long).scale == 1.0
     assert bends[0] == pytest.approx(bends[1]) == pytest.approx(0.165, abs=0.001)
 
 

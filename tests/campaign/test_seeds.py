@@ -31,6 +31,18 @@ def test_a_seed_breaks_nothing_and_is_the_same_when_run_again(seed: int) -> None
     assert run_seed(SETTINGS, seed) == result
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("vehicle", "seed"),
+    [("fsae_electric", 0), ("fsae_electric", 1), ("baja_5b", 101), ("baja_5b", 102)],
+)
+def test_no_other_car_breaks_anything_either(vehicle: str, seed: int) -> None:
+    settings = replace(SETTINGS, vehicle=vehicle)
+    result = run_seed(settings, seed)
+    assert failures_of(result) == (), f"--vehicle {vehicle} --replay {seed}\n{result.violations}"
+    assert result.injections and result.engaged_s > 0.5 * settings.seed_s
+
+
 def test_a_seed_does_not_depend_on_the_order_of_hashes() -> None:
     call = (
         "from campaign.run import *; "
