@@ -21,13 +21,8 @@ from vehicles import load_vehicle
 
 APART = (*NODES, PLANNER)
 ACTUATORS = ("steering", "throttle", "brake_servo")
-TEST_S_MAX = 900.0
 HOLD_S_MAX = load_vehicle(VEHICLE).longest_stop_s
 """So long does a steering that is alone hold its angle: nobody tells it that the car stands."""
-
-pytestmark = pytest.mark.timeout(TEST_S_MAX, func_only=True)
-"""Without fixtures: while nothing runs but `ip`, the guest's clock races ahead of the host."""
-
 
 @pytest.fixture(scope="module")
 def namespaces() -> Iterator[Namespaces]:
