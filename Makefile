@@ -49,8 +49,7 @@ generate: $(STAMP)
 
 # What each fault leads to, and what dbw why says of it: docs/fault-matrix.md, docs/why-faults.md.
 matrix: $(STAMP)
-	$(BIN)/python -m campaign.matrix
-	$(BIN)/python -m campaign.explained
+	$(BIN)/python -m campaign.fault_docs
 
 # Only for maintainers: renews the locked versions from pyproject.toml.
 lock:

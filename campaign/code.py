@@ -16,8 +16,8 @@ PACKAGES = (
 """All that a seed's result can depend on."""
 SUFFIXES = frozenset({".py", ".dbc", ".eds", ".toml", ".csv"})
 TELLING = frozenset({
-    "cluster", "code", "failure", "minimise", "page", "parts", "plots", "replay", "report",
-    "statistics", "store", "summary", "workers",
+    "cluster", "code", "explained", "failure", "fault_docs", "futures", "matrix", "minimise",
+    "page", "parts", "plots", "replay", "report", "statistics", "store", "summary", "workers",
 })
 """Modules of `campaign` that carry results about and change none."""
 

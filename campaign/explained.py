@@ -1,32 +1,20 @@
 """What `telemetry.why` says of every fault of the matrix, beside what was injected.
 
-`python -m campaign.explained` writes `docs/why-faults.md`; a test compares. Each fault strikes
-alone in a car that drives itself; the log is all that is looked at.
+Each fault strikes alone in a car that drives itself; the log is all that is looked at. As
+`docs/why-faults.md` has it, written by `make matrix`.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from functools import partial
-from pathlib import Path
 
-from campaign.fork import in_a_fork
-from campaign.matrix import ALL, BEGIN_NS, BEGIN_S, SEEDS, WATCH_S, column, drives
-from campaign.run import Scenario
+from campaign.futures import SEEDS, Future
+from campaign.matrix import ALL, column
 from dbc.endpoint import SPEC_OF_NAME
 from simulation.fault_kinds import KINDS, FaultKind
-from simulation.faults import Fault
-from telemetry.bus_log import BusLog
 from telemetry.why.drives import ECU_OF_DRIVE
-from telemetry.why.incident import Cause, CauseKind, Incident, Kind
-from telemetry.why.watch import Watch
-from vehicles import Vehicle
-
-PATH = Path(__file__).parents[1] / "docs" / "why-faults.md"
-NS_PER_S = 1_000_000_000
+from telemetry.why.incident import Cause, CauseKind
 
 _K, _C = FaultKind, CauseKind
 TELLS: dict[FaultKind, frozenset[CauseKind]] = {
@@ -90,33 +78,19 @@ class Verdict(StrEnum):
     NOTHING = "nothing said"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """What was said of one fault that ended a drive.
-
-    Attributes:
-        seed: Of the drive.
-        fault: Injected.
-        cause: Named first; None: no incident.
-    """
-
-    seed: int
-    fault: Fault
-    cause: Cause | None
-
-    @property
-    def verdict(self) -> Verdict:
-        """The comparison."""
-        if self.cause is None:
-            return Verdict.NOTHING
-        if place_of(self.cause) != column(self.fault):
-            return Verdict.WRONG
-        is_kind = self.cause.kind in TELLS.get(self.fault.kind, frozenset())
-        is_message = self.cause.kind in OF_MESSAGE and self.fault.target in SPEC_OF_NAME
-        is_named = is_message or self.fault.target in ECU_OF_DRIVE
-        if is_named and self.cause.subject != self.fault.target:
-            return Verdict.PLACE
-        return Verdict.RIGHT if is_kind else Verdict.PLACE
+def verdict_of(future: Future) -> Verdict:
+    """The comparison."""
+    fault, cause = future.fault, future.cause
+    if cause is None:
+        return Verdict.NOTHING
+    if place_of(cause) != column(fault):
+        return Verdict.WRONG
+    is_kind = cause.kind in TELLS.get(fault.kind, frozenset())
+    is_message = cause.kind in OF_MESSAGE and fault.target in SPEC_OF_NAME
+    is_named = is_message or fault.target in ECU_OF_DRIVE
+    if is_named and cause.subject != fault.target:
+        return Verdict.PLACE
+    return Verdict.RIGHT if is_kind else Verdict.PLACE
 
 
 OF_MESSAGE = frozenset(
@@ -136,43 +110,9 @@ def place_of(cause: Cause) -> str:
     return PLACE_OF.get(name, name)
 
 
-def first_cause(log: BusLog, vehicle: Vehicle, from_s: float) -> Cause | None:
-    """The cause of the first incident from a time on that ended a drive."""
-    watch = Watch(vehicle)
-    told = [item for time_ns, frame in log.frames() for item in watch.take(time_ns, frame)]
-    told += watch.finish()
-    for item in told:
-        if (
-            isinstance(item, Incident)
-            and item.kind is not Kind.REFUSED_ENGAGEMENT
-            and item.time_ns >= from_s * NS_PER_S
-        ):
-            return item.cause
-    return None
-
-
-def answers(seeds: Sequence[int] = SEEDS) -> Iterator[Answer]:
-    """One for every fault of the matrix that ended a drive, by the ledger or by the log."""
-    for seed, scenario, faults in drives(seeds):
-        log = BusLog()
-        scenario.world.wire.witnesses.append(log)
-        scenario.world.run_until(BEGIN_NS)
-        for fault in faults:
-            has_ended, cause = in_a_fork(partial(_future, scenario, log, fault))
-            if has_ended or cause is not None:
-                yield Answer(seed=seed, fault=fault, cause=cause)
-
-
-def _future(scenario: Scenario, log: BusLog, fault: Fault) -> tuple[bool, Cause | None]:
-    """Whether the drive ended in an emergency, by the campaign's own ledger, and what was said."""
-    scenario.injector.begin(fault)
-    scenario.world.run_until(round((BEGIN_S + WATCH_S) * NS_PER_S))
-    return scenario.ledger.stops > 0, first_cause(log, scenario.world.vehicle, BEGIN_S)
-
-
 HEAD = """# What `dbw why` says of each fault
 
-Written by `python -m campaign.explained`; a test compares it with what happens. Every fault of the
+Written by `make matrix`; a test compares it with what happens. Every fault of the
 [fault matrix](fault-matrix.md) that ends a drive, alone, in {seeds} drives; `dbw why` is given the
 log and nothing else. *Right*: it names the part and what is wrong with it, as far as frames can
 tell (a node that has crashed, hangs or is cut off is "silent" to all). *Place*: it names the part,
@@ -185,12 +125,13 @@ and not the kind of fault.
 """
 
 
-def document(found: Iterable[Answer], seeds: int = len(SEEDS)) -> str:
-    """`docs/why-faults.md`."""
-    by_kind: dict[FaultKind, list[Answer]] = {}
-    for answer in found:
-        by_kind.setdefault(answer.fault.kind, []).append(answer)
-    every = [answer for answers in by_kind.values() for answer in answers]
+def explained(found: Iterable[Future], seeds: int = len(SEEDS)) -> str:
+    """The document: of every fault that ended a drive, by the ledger or by the log."""
+    by_kind: dict[FaultKind, list[Future]] = {}
+    for future in found:
+        if future.result.stops or future.cause is not None:
+            by_kind.setdefault(future.fault.kind, []).append(future)
+    every = [future for futures in by_kind.values() for future in futures]
     lines = [_row(kind, by_kind[kind]) for kind in KINDS if kind in by_kind]
     right = _count(every, Verdict.RIGHT)
     place = _count(every, Verdict.PLACE)
@@ -201,31 +142,21 @@ def document(found: Iterable[Answer], seeds: int = len(SEEDS)) -> str:
     return head + "\n".join(lines) + "\n"
 
 
-def _count(answers: Sequence[Answer], verdict: Verdict) -> int:
-    return sum(answer.verdict is verdict for answer in answers)
+def _count(futures: Sequence[Future], verdict: Verdict) -> int:
+    return sum(verdict_of(future) is verdict for future in futures)
 
 
-def _row(kind: FaultKind, answers: Sequence[Answer]) -> str:
-    right, place = _count(answers, Verdict.RIGHT), _count(answers, Verdict.PLACE)
+def _row(kind: FaultKind, futures: Sequence[Future]) -> str:
+    right, place = _count(futures, Verdict.RIGHT), _count(futures, Verdict.PLACE)
     others = sorted(
         {
-            f"{answer.fault.target or kind}: {_said(answer.cause)}"
-            for answer in answers if answer.verdict is not Verdict.RIGHT
+            f"{future.fault.target or kind}: {_said(future.cause)}"
+            for future in futures if verdict_of(future) is not Verdict.RIGHT
         }
     )
-    wrong = len(answers) - right - place
-    return f"| {kind} | {len(answers)} | {right} | {place} | {wrong} | {'; '.join(others)} |"
+    wrong = len(futures) - right - place
+    return f"| {kind} | {len(futures)} | {right} | {place} | {wrong} | {'; '.join(others)} |"
 
 
 def _said(cause: Cause | None) -> str:
     return "nothing" if cause is None else f"{cause.kind} {cause.subject}".strip()
-
-
-def main() -> int:
-    """Writes the document."""
-    PATH.write_text(document(answers()), encoding="utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

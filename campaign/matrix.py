@@ -1,45 +1,20 @@
 """The fault matrix: every kind of fault, at every node, alone in a car that drives itself.
 
-`python -m campaign.matrix` writes `docs/fault-matrix.md`; a test compares. One drive for each seed
-runs up to the fault and is forked there, so that all futures have the same past.
+As `docs/fault-matrix.md` has it, written by `make matrix`.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Sequence
 
-from campaign.fork import in_a_fork
+from campaign.futures import CARS, FAULT_S, SEEDS
 from campaign.result import Demand, InjectionResult, SeedResult
-from campaign.run import Scenario, build, finish
-from campaign.settings import CampaignSettings
 from canbus.node import NODE_IDS
 from dbc.endpoint import SPEC_OF_NAME
-from simulation.fault_kinds import (
-    KINDS,
-    SENSORS,
-    TARGETS,
-    FaultKind,
-    Strikes,
-    described,
-    kinds_for,
-)
+from simulation.fault_kinds import KINDS, SENSORS, FaultKind, Strikes, described
 from simulation.faults import Fault
 from telemetry.why.drives import ECU_OF_DRIVE
-from vehicles import load_vehicle
 
-PATH = Path(__file__).parents[1] / "docs" / "fault-matrix.md"
-CARS = ("tabby_evo", "baja_5b")
-"""Kinds of fault that the first cannot have strike the second: its motors hang on drives."""
-SEEDS = (1, 2)
-BEGIN_S = 8.0
-"""Engaged for some six seconds by then, and in a bend, for these seeds."""
-FAULT_S = 2.0
-WATCH_S = 4.0
-NS_PER_S = 1_000_000_000
-BEGIN_NS = round(BEGIN_S * NS_PER_S)
 ALL = "car, bus, planner"
 COLUMNS = (*NODE_IDS, ALL)
 CONTROL_NODE = {"steering": "Steering", "throttle": "Throttle", "brake": "BrakeServo",
@@ -54,10 +29,10 @@ JUDGE = {
 
 HEAD = """# Fault matrix
 
-Written by `make matrix` (`python -m campaign.matrix`); a test compares it with what happens. Every
-kind of fault, alone, of the kind's own size and for {fault_s:g} s, in a car that drives itself on a
-winding road: {seeds} drives, each forked for every fault, all judged by the properties of
-`oracle/`, of which none broke. The car is {car}; faults of motor drives strike {other}.
+Written by `make matrix`; a test compares it with what happens. Every kind of fault, alone, of the
+kind's own size and for {fault_s:g} s, in a car that drives itself on a winding road: {seeds}
+drives, each forked for every fault, all judged by the properties of `oracle/`, of which none broke.
+The car is {car}; faults of motor drives strike {other}.
 
 A cell tells what the car did, the first code on the bus, and the worst time, in whole ms, from the
 fault to EMERGENCY_BRAKE on the bus or the servo's full setpoint (to MANUAL where the driver takes
@@ -66,26 +41,6 @@ sensor, control or drive in the column of who reads or commands it. Where not al
 ended alike, it says how many did.
 
 """
-
-
-def cases() -> Iterator[tuple[str, list[Fault]]]:
-    """Every kind with every target, in the first car that can have it."""
-    done: set[FaultKind] = set()
-    for car in CARS:
-        kinds = [kind for kind in kinds_for(load_vehicle(car)) if kind not in done]
-        done.update(kinds)
-        yield car, [
-            Fault(kind=kind, target=target, at_s=BEGIN_S, for_s=FAULT_S)
-            for kind in kinds
-            for target in TARGETS[KINDS[kind].strikes]
-        ]
-
-
-def drives(seeds: Sequence[int]) -> Iterator[tuple[int, Scenario, list[Fault]]]:
-    """Cars that drive themselves, at their power-on, with the faults for `BEGIN_NS`."""
-    for car, faults in cases():
-        for seed in seeds:
-            yield seed, build(CampaignSettings(vehicle=car), seed), faults
 
 
 def column(fault: Fault | InjectionResult) -> str:
@@ -102,20 +57,6 @@ def column(fault: Fault | InjectionResult) -> str:
         case Strikes.CONTROL:
             return CONTROL_NODE[fault.target]
     return ALL
-
-
-def run_cases(seeds: Sequence[int] = SEEDS) -> Iterator[SeedResult]:
-    """Every case in every drive; each result holds one injection."""
-    for seed, scenario, faults in drives(seeds):
-        scenario.world.run_until(BEGIN_NS)
-        for fault in faults:
-            yield in_a_fork(partial(_future, scenario, seed, fault))
-
-
-def _future(scenario: Scenario, seed: int, fault: Fault) -> SeedResult:
-    scenario.injector.begin(fault)
-    scenario.world.run_until(round((BEGIN_S + WATCH_S) * NS_PER_S))
-    return finish(scenario, seed)
 
 
 def matrix(results: Sequence[SeedResult]) -> str:
@@ -168,13 +109,3 @@ def _reaction(verb: str, items: Sequence[InjectionResult], total: int) -> str:
     codes = ", ".join(sorted({item.code for item in items if item.code}))
     share = f"{len(items)} of {total} " if len(items) < total else ""
     return f"{share}{verb}, {-(-worst_ms // 1):.0f}{of} ms" + (f": {codes}" if codes else "")
-
-
-def main() -> int:
-    """Writes the document."""
-    PATH.write_text(matrix(list(run_cases())), encoding="utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

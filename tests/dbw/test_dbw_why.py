@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from campaign.futures import BEGIN_NS
 from canbus.frame import ReceivedFrame
 from dbw.main import main
 from dbw.why_live import LiveWatch
@@ -15,7 +16,7 @@ from runtime.clock import monotonic_ns
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 from telemetry.why.freeze import FreezeStore
-from tests.telemetry.why_drives import BEGIN_NS, VEHICLE, candump, frames_with
+from tests.telemetry.why_drives import VEHICLE, candump, frames_with
 
 Capture = pytest.CaptureFixture[str]
 CRASH = Fault(kind=FaultKind.CRASH, target="Throttle")

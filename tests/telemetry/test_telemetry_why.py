@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from campaign.explained import PATH, Answer, answers, document
+from campaign.futures import BEGIN_NS
 from canbus.frame import Frame, FrameKind
 from dbc.codec import encode
 from dbc.endpoint import SPEC_OF_NAME
@@ -15,7 +15,7 @@ from telemetry.why.incident import CauseKind, Deed, Incident, Kind
 from telemetry.why.watch import FRAMES_MAX, CodeOnset, ModeChange, Watch
 from telemetry.why.window import Silence
 from telemetry.why.words import lines_of, summary
-from tests.telemetry.why_drives import BEGIN_NS, VEHICLE, frames_with, incidents_of, told_of
+from tests.telemetry.why_drives import VEHICLE, frames_with, incidents_of, told_of
 
 NS_PER_S = 1_000_000_000
 CRASH = Fault(kind=FaultKind.CRASH, target="Throttle")
@@ -31,14 +31,6 @@ def the_end(*faults: Fault) -> Incident:
         item for item in incidents_of(frames_with(*faults))
         if item.kind is not Kind.REFUSED_ENGAGEMENT and item.time_ns >= BEGIN_NS
     )
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(2400)  # some eight minutes on a quiet machine
-def test_what_the_docs_say_of_each_fault_is_what_is_said() -> None:
-    text = document(list(answers()))
-    assert text == PATH.read_text(encoding="utf-8"), "python -m campaign.explained"
-    assert ", 0 wrong.**" in text
 
 
 def test_a_node_that_dies_is_named_with_its_last_frame_and_the_time_it_was_overdue() -> None:
@@ -200,13 +192,3 @@ def test_a_bus_that_falls_silent_is_told_of_when_time_has_passed() -> None:
     ]
     assert not any(isinstance(i, Incident) and i.time_ns >= BEGIN_NS for i in told)
     assert any(isinstance(item, Incident) for item in watch.elapse(end_ns + 2 * NS_PER_S))
-
-
-def test_the_document_counts_what_is_not_right() -> None:
-    wrong = Answer(seed=1, fault=CRASH, cause=None)
-    right = Answer(seed=1, fault=CRASH, cause=the_end(CRASH).cause)
-    assert "**1 of 2 right (50.0%), 0 more the right place, 1 wrong.**" in document([wrong, right])
-    other = Answer(
-        seed=1, fault=Fault(kind=FaultKind.CRASH, target="Steering"), cause=right.cause
-    )
-    assert other.verdict == "wrong"

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from functools import cache, partial
 
 from campaign.fork import in_a_fork
-from campaign.matrix import BEGIN_S
+from campaign.futures import BEGIN_NS
 from campaign.run import Scenario, build
 from campaign.settings import CampaignSettings
 from canbus.frame import Frame
@@ -17,7 +17,6 @@ from telemetry.why.watch import Told, Watch
 from vehicles import load_vehicle
 
 Frames = tuple[tuple[int, Frame], ...]
-BEGIN_NS = round(BEGIN_S * 1e9)
 VEHICLE = load_vehicle("tabby_evo")
 
 
@@ -32,7 +31,7 @@ def _drive() -> tuple[Scenario, BusLog]:
 
 @cache
 def frames_with(*faults: Fault, for_s: float = 2.5) -> Frames:
-    """All frames of a drive in which these faults begin at `BEGIN_S`, and of `for_s` after."""
+    """All frames of a drive in which these faults begin at `BEGIN_NS`, and of `for_s` after."""
     scenario, log = _drive()
     return in_a_fork(partial(_future, scenario, log, faults, for_s))
 

@@ -24,6 +24,7 @@ ACTUATORS = ("steering", "throttle", "brake_servo")
 HOLD_S_MAX = load_vehicle(VEHICLE).longest_stop_s
 """So long does a steering that is alone hold its angle: nobody tells it that the car stands."""
 
+
 @pytest.fixture(scope="module")
 def namespaces() -> Iterator[Namespaces]:
     with Namespaces(APART, (VEHICLE_BUS, HARNESS_BUS)) as namespaces:
