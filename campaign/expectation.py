@@ -13,17 +13,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from campaign.result import Demand
-from oracle.settings import DRIVER_WINS_NS, HAZARD_NS, SENSED_NS
+from oracle.settings import DRIVER_WINS_NS, HAZARD_NS, SENSED_NS, Settings
 from simulation.fault_kinds import KINDS, SENSORS, FaultKind
 from simulation.faults import Fault
+from simulation.injector import FULL_TORQUE_NM
+from vehicles.vehicle import DRIVE_NAMES
 
 NS_PER_MS = 1_000_000
 S_PER_MS = 1e-3
 SILENT_MS = HAZARD_NS / NS_PER_MS
 SENSED_MS = SENSED_NS / NS_PER_MS
 TOUCH_MS = DRIVER_WINS_NS / NS_PER_MS
+DEAF_MS = 150.0 + SENSED_MS
+"""A drive that no longer hears its ECU (docs/drives.md)."""
 GRIP_SHARE = 0.35
-"""Of what a driver can do: above every threshold for hands and feet, by a margin."""
+"""Of what a driver can do: above every threshold for hands and feet, by a margin, on the shipped
+cars; others may have higher thresholds (`grip_share`)."""
 
 RECOVERY_S = 10.0
 """A stop from full speed on the worst road (3 s), reset, button and engagement, and refusals for a
@@ -48,6 +53,7 @@ OF_MODES = frozenset({
     "start-up ends in MANUAL with PERMIT",
 })
 """What is judged by the supervisor's word, when that is heard too late."""
+COASTS = frozenset({"steering coasts on ER4 and ER6"})
 TORQUE_STAYS = frozenset({"no drive torque while emergency braking"})
 BRAKE_IS_BROKEN = frozenset({
     "brake kept in an emergency", "hazard ends braked at a standstill",
@@ -114,8 +120,6 @@ def _grab(fault: Fault) -> Expectation:
         return BRAKES_IF_SENSED if fault.value > 0.0 else ANYTHING
     if fault.target == "button":
         return ANYTHING
-    if fault.value < GRIP_SHARE:
-        return OFF_THE_PATH
     return HANDS_OVER
 
 
@@ -131,6 +135,12 @@ def _drive(fault: Fault) -> Expectation:
     """Heard of within its ECU's 60 ms; a steering without drive, or with one that turns where it
     was told last, leaves the path first."""
     return replace(BRAKES_IF_SILENT, excuses=frozenset({PATH}))
+
+
+def _deaf_drive(fault: Fault) -> Expectation:
+    """It goes on as it was told last, and says so when it has missed its ECU for 150 ms."""
+    stays = COASTS if fault.target == DRIVE_NAMES[0] else TORQUE_STAYS
+    return Expectation(demand=Demand.BRAKE, budget_ms=DEAF_MS, excuses=stays | {PATH})
 
 
 def _reading(fault: Fault) -> Expectation:
@@ -180,7 +190,7 @@ RULES: dict[FaultKind, Rule] = {
     _K.DRIVE_FAULT: _drive,
     _K.DRIVE_DEAD: _drive,
     _K.DRIVE_MUTE: _drive,
-    _K.DRIVE_DEAF: _always(OFF_THE_PATH),  # it says so when it has missed its ECU for 150 ms
+    _K.DRIVE_DEAF: _deaf_drive,
     _K.PLANNER_FROZEN: _always(BRAKES_IF_SILENT),
     _K.PLANNER_LATE: _always(ANYTHING),
     _K.PLANNER_ABSURD: _always(OFF_THE_PATH),
@@ -196,9 +206,26 @@ RULES: dict[FaultKind, Rule] = {
 assert RULES.keys() == set(FaultKind)
 
 
-def expected(fault: Fault) -> Expectation:
-    """What this fault asks for; one that is over before its time asks for nothing."""
+def grip_share(settings: Settings) -> float:
+    """The share of a driver's strength that is felt for certain, by whatever he uses."""
+    return max(
+        GRIP_SHARE,
+        settings.driver_torque_nm / FULL_TORQUE_NM,
+        settings.throttle_pedal_ratio,
+        settings.brake_pedal_ratio,
+    )
+
+
+def expected(fault: Fault, grip: float = GRIP_SHARE) -> Expectation:
+    """What this fault asks for; one that is over before its time asks for nothing.
+
+    Args:
+        fault: Injected.
+        grip: Of the car's driver, `grip_share`.
+    """
     expectation = RULES[fault.kind](fault)
+    if expectation is HANDS_OVER and fault.kind is FaultKind.DRIVER_GRABS and fault.value < grip:
+        expectation = OFF_THE_PATH
     budget_ms = expectation.budget_ms
     if budget_ms is not None and _lasts_ms(fault) < budget_ms:
         expectation = Expectation(excuses=expectation.excuses)

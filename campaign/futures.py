@@ -14,7 +14,7 @@ from campaign.fork import in_a_fork
 from campaign.result import SeedResult
 from campaign.run import Scenario, build, finish
 from campaign.settings import CampaignSettings
-from simulation.fault_kinds import KINDS, TARGETS, FaultKind, kinds_for
+from simulation.fault_kinds import FaultKind, targets_of
 from simulation.faults import Fault
 from telemetry.bus_log import BusLog
 from telemetry.why.incident import Cause, Incident, Kind
@@ -53,13 +53,14 @@ def cases() -> Iterator[tuple[str, list[Fault]]]:
     """Every kind with every target, in the first car that can have it."""
     done: set[FaultKind] = set()
     for car in CARS:
-        kinds = [kind for kind in kinds_for(load_vehicle(car)) if kind not in done]
-        done.update(kinds)
+        targets = targets_of(load_vehicle(car))
         yield car, [
             Fault(kind=kind, target=target, at_s=BEGIN_S, for_s=FAULT_S)
-            for kind in kinds
-            for target in TARGETS[KINDS[kind].strikes]
+            for kind, names in targets.items()
+            for target in names
+            if kind not in done
         ]
+        done.update(targets)
 
 
 def futures(seeds: Sequence[int] = SEEDS) -> Iterator[Future]:

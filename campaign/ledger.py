@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from campaign.expectation import GRIP_SHARE, SILENT_MS, Expectation, expected
+from campaign.expectation import SILENT_MS, Expectation, expected, grip_share
 from campaign.result import Demand, InjectionResult, ViolationResult
 from canbus.frame import Frame
 from dbc.codec import Decoded, decode
@@ -103,6 +103,7 @@ class Ledger:
         self.violations: list[ViolationResult] = []
         self._world = world
         self._oracle = oracle
+        self._grip = grip_share(oracle.settings)
         self._entries: list[Entry] = []
         self._open: list[Entry] = []
         self._active = 0
@@ -124,7 +125,7 @@ class Ledger:
 
     def on_fault(self, now_ns: int, fault: Fault, is_begin: bool) -> None:
         """A listener of the injector."""
-        ask = expected(fault)
+        ask = expected(fault, self._grip)
         is_calm = not self._active and now_ns - self._quiet_ns > MEMORY_NS
         is_driving = self._is_driving
         entry = Entry(
@@ -155,7 +156,7 @@ class Ledger:
         """A foot on a pedal that the servo has pushed down as far moves nothing."""
         is_foot = fault.kind is FaultKind.DRIVER_GRABS and fault.target == "brake"
         servo_ratio = self._world.car.truth.servo_position_ratio
-        return not is_foot or fault.value - servo_ratio >= GRIP_SHARE
+        return not is_foot or fault.value - servo_ratio >= self._grip
 
     def results(self, reactions: tuple[Reaction, ...]) -> tuple[InjectionResult, ...]:
         """One for each fault, beside the oracle's word about the hazardous ones."""

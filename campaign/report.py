@@ -25,6 +25,7 @@ from campaign.summary import CampaignTally, FailingSeed, FaultTally, summarise
 from simulation.fault_kinds import FaultKind
 from telemetry.folder import ResultFolder
 from telemetry.report import without_nan
+from vehicles import DEFAULT
 
 CRC8_UNSEEN_SHARE = 1.0 / 256.0
 """Of changes at random, how many leave eight check bits as they must be."""
@@ -164,7 +165,7 @@ def write_report(
         FolderError: The folder cannot be written.
     """
     tally = summarise(results())
-    report = report_of(tally, settings, wall_s=wall_s)
+    report = report_of(tally, settings, out, wall_s=wall_s)
     with ResultFolder(out) as folder:
         (folder.path / "report.json").write_text(report.to_json(), encoding="utf-8")
         page = page_of(report, tally, UAH)
@@ -173,7 +174,9 @@ def write_report(
     return out / "report.html"
 
 
-def report_of(tally: CampaignTally, settings: CampaignSettings, *, wall_s: float) -> CampaignReport:
+def report_of(
+    tally: CampaignTally, settings: CampaignSettings, out: Path, *, wall_s: float
+) -> CampaignReport:
     """A campaign in numbers."""
     faults = tuple(_fault(fault) for fault in sorted(tally.faults.values(), key=_place))
     trials = sum(fault.clean_trials for fault in faults)
@@ -181,7 +184,7 @@ def report_of(tally: CampaignTally, settings: CampaignSettings, *, wall_s: float
     engaged_h, calm_h = tally.engaged_s / S_PER_H, tally.calm_s / S_PER_H
     return CampaignReport(
         vehicle=settings.vehicle,
-        faults_from=settings.faults_name if settings.faults_text else SWARM,
+        faults_from=SWARM if settings.faults_text is None else settings.faults_name,
         seed_s=settings.seed_s,
         settings_sha256=settings.sha256,
         seed_first=tally.seed_first,
@@ -218,7 +221,7 @@ def report_of(tally: CampaignTally, settings: CampaignSettings, *, wall_s: float
         faults=faults,
         kinds_not_injected=tuple(kind for kind in FaultKind if kind not in tally.faults),
         failing_seeds=tuple(tally.failing_seeds),
-        failures=tuple(_failure(failing, settings) for failing in tally.failures),
+        failures=tuple(_failure(failing, settings, out) for failing in tally.failures),
         violations=tuple(
             Violation(
                 seed=found.seed,
@@ -261,19 +264,19 @@ def _fault(tally: FaultTally) -> FaultReport:
     )
 
 
-def _failure(failing: FailingSeed, settings: CampaignSettings) -> Failure:
+def _failure(failing: FailingSeed, settings: CampaignSettings, out: Path) -> Failure:
     return Failure(
         seed=failing.seed,
-        replay=replay_command(settings, failing.seed),
+        replay=replay_command(settings, failing.seed, out),
         reasons=failing.reasons,
     )
 
 
-def replay_command(settings: CampaignSettings, seed: int) -> str:
+def replay_command(settings: CampaignSettings, seed: int, out: Path) -> str:
     """The line that repeats a seed."""
-    parts = ["dbw", "campaign", "--replay", str(seed)]
-    if settings.vehicle != CampaignSettings.vehicle:
+    parts = ["dbw", "campaign", "--replay", str(seed), "--out", str(out)]
+    if settings.vehicle != DEFAULT:
         parts += ["--vehicle", settings.vehicle]
-    if settings.faults_text:
+    if settings.faults_text is not None:
         parts += ["--faults", settings.faults_name]
     return shlex.join(parts)

@@ -116,7 +116,7 @@ class Route:
         rate_per_ms = self._limits.curvature_rate_per_ms
         limit = min(rate_per_ms, LATERAL_JERK_MPS3 / fast_mps**2) * span_s
         change = min(max(self._target_per_m - self.curvature_per_m, -limit), limit)
-        if speed_mps < SPEED_FLOOR_MPS:
+        if speed_mps < min(SPEED_FLOOR_MPS, self._limits.speed_mps[0]):
             change = 0.0  # a road does not bend under a standing car
         self.curvature_rate_per_ms = change / span_s
         ahead_m = ((x_m - self._x_m) * cos(self._heading_rad)

@@ -14,7 +14,7 @@ from campaign.result import SeedResult, ViolationResult
 from campaign.settings import CampaignSettings
 from campaign.swarm import storms
 from oracle.judge import Oracle
-from simulation.fault_kinds import KINDS, Strikes, kinds_for
+from simulation.fault_kinds import KINDS, Strikes, targets_of
 from simulation.faults import Fault
 from simulation.injector import Injector
 from simulation.observer import Observer
@@ -82,7 +82,7 @@ def faults_of(settings: CampaignSettings, seed: int) -> list[Fault]:
     """The faults that a seed draws, with their times, in order."""
     rng = np.random.default_rng((seed, FAULT_STREAM))
     if settings.faults is None:
-        return storms(settings.seed_s, rng, kinds_for(settings.car))
+        return storms(settings.seed_s, rng, targets_of(settings.car))
     return settings.faults.draw(settings.seed_s, rng)
 
 

@@ -4,56 +4,59 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 
-from simulation.fault_kinds import kinds_for
+from simulation.fault_kinds import targets_of
 from simulation.faults import FaultPlan, parse_faults
-from vehicles import Vehicle, load_vehicle, parse_vehicle
+from vehicles import DEFAULT, Vehicle, load_vehicle, parse_vehicle
 
 SEED_S = 120.0
 """Virtual time of one seed: some ten storms."""
 S_PER_H = 3600.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@cache
+def _car(name: str, text: str) -> Vehicle:
+    return parse_vehicle(text, name) if text else load_vehicle(name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignSettings:
-    """Plain data, so that it can be sent to workers.
+    """Plain data, so that it can be sent to workers; what it stands for each of them reads itself.
 
     Attributes:
         vehicle: Name of a shipped vehicle, or what the user's own file is called in errors.
         vehicle_text: The user's own vehicle file; empty: the shipped one of that name.
         seed_s: Virtual time of each seed.
-        faults_text: A file of faults (`simulation.faults`); empty: each seed draws its own swarm.
+        faults_text: A file of faults (`simulation.faults`); None: each seed draws its own swarm.
         faults_name: What that file is called in errors.
     """
 
-    vehicle: str = "tabby_evo"
+    vehicle: str = DEFAULT
     vehicle_text: str = ""
     seed_s: float = SEED_S
-    faults_text: str = ""
+    faults_text: str | None = None
     faults_name: str = "faults"
 
-    @cached_property
+    @property
     def car(self) -> Vehicle:
         """What the nodes believe.
 
         Raises:
             VehicleError: the vehicle is not known, or its file cannot be used.
         """
-        if self.vehicle_text:
-            return parse_vehicle(self.vehicle_text, self.vehicle)
-        return load_vehicle(self.vehicle)
+        return _car(self.vehicle, self.vehicle_text)
 
-    @cached_property
+    @property
     def faults(self) -> FaultPlan | None:
         """The file's plan; None for swarms.
 
         Raises:
             FaultError: the file cannot be used for this car: file, line and reason.
         """
-        if not self.faults_text:
+        if self.faults_text is None:
             return None
-        return parse_faults(self.faults_text, self.faults_name, kinds_for(self.car))
+        return parse_faults(self.faults_text, self.faults_name, targets_of(self.car))
 
     def check(self) -> None:
         """Reads what there is to read.
@@ -67,7 +70,8 @@ class CampaignSettings:
     @property
     def sha256(self) -> str:
         """Of everything that makes a seed what it is."""
-        parts = (self.vehicle, self.vehicle_text, repr(self.seed_s), self.faults_text)
+        car, faults = self.vehicle_text or self.vehicle, self.faults_text or ""
+        parts = (car, repr(self.seed_s), faults)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     def seeds(self, hours: float, first: int) -> range:

@@ -67,7 +67,7 @@ class Campaign:
             code_sha256=code_sha256(),
             vehicle=settings.vehicle,
             seed_s=settings.seed_s,
-            faults_name=settings.faults_name if settings.faults_text else "",
+            faults_name="" if settings.faults_text is None else settings.faults_name,
             first_seed=first_seed,
             hours=hours,
         )

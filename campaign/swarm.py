@@ -7,12 +7,12 @@ in which the car must come back by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Final
 
 from numpy.random import Generator
 
-from simulation.fault_kinds import KINDS, TARGETS, FaultKind
+from simulation.fault_kinds import KINDS, FaultKind
 from simulation.faults import Fault
 
 FIRST_S: Final = 6.0
@@ -37,16 +37,24 @@ VALUE_MAX = {
 CLOCK_JUMP_MS = (1.0, 3000.0)
 
 
-def storms(duration_s: float, rng: Generator, kinds: Sequence[FaultKind]) -> list[Fault]:
-    """All faults of one seed, in order of their beginning; `kinds` are those the car can have."""
+def storms(
+    duration_s: float, rng: Generator, targets: Mapping[FaultKind, tuple[str, ...]]
+) -> list[Fault]:
+    """All faults of one seed, in order of their beginning.
+
+    Args:
+        duration_s: Of the seed.
+        rng: Its chance.
+        targets: What the car can have, and where (`fault_kinds.targets_of`).
+    """
     if rng.random() < CALM_SEED_SHARE:
         return []
-    chosen = [kind for kind in kinds if rng.random() < ON_SHARE] or list(kinds)
+    chosen = [kind for kind in targets if rng.random() < ON_SHARE] or list(targets)
     faults: list[Fault] = []
     begin_s = FIRST_S + float(rng.uniform(0.0, 2.0))
     while True:
         count = 1 if rng.random() < ALONE_SHARE else int(rng.integers(2, FAULTS_MAX + 1))
-        storm = [_draw(begin_s, chosen, rng) for _ in range(count)]
+        storm = [_draw(begin_s, chosen, targets, rng) for _ in range(count)]
         over_s = max(_end_s(fault) for fault in storm)
         if over_s + CALM_S > duration_s:
             break
@@ -55,14 +63,18 @@ def storms(duration_s: float, rng: Generator, kinds: Sequence[FaultKind]) -> lis
     return sorted(faults, key=lambda fault: fault.at_s)
 
 
-def _draw(begin_s: float, kinds: list[FaultKind], rng: Generator) -> Fault:
+def _draw(
+    begin_s: float,
+    kinds: list[FaultKind],
+    targets: Mapping[FaultKind, tuple[str, ...]],
+    rng: Generator,
+) -> Fault:
     kind = kinds[int(rng.integers(len(kinds)))]
-    spec = KINDS[kind]
-    targets = TARGETS[spec.strikes]
+    spec, names = KINDS[kind], targets[kind]
     is_partial = spec.has_share and rng.random() < 0.5
     return Fault(
         kind=kind,
-        target=targets[int(rng.integers(len(targets)))],
+        target=names[int(rng.integers(len(names)))],
         at_s=round(begin_s + float(rng.uniform(0.0, STORM_S)), 6),
         for_s=float(rng.choice(SPANS_S)),
         value=_value(kind, rng),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ import click
 
 from dbw.demo import SEED_MAX, interrupt_on_sigterm
 from dbw.failures import EXIT_FAILED, EXIT_OK, UserMistake, complain
-from dbw.options import VEHICLE_DEFAULT, WholeNumber, vehicle_option
+from dbw.options import WholeNumber, vehicle_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,15 +40,6 @@ class CampaignOptions:
     workers: str
     faults: Path | None
     out: Path
-
-    def repeat(self, seed: int) -> str:
-        """The command line that repeats one seed."""
-        words = ["dbw", "campaign", "--replay", str(seed), "--out", str(self.out)]
-        if self.vehicle != VEHICLE_DEFAULT:
-            words += ["--vehicle", self.vehicle]
-        if self.faults is not None:
-            words += ["--faults", str(self.faults)]
-        return shlex.join(words)
 
 
 @click.command(
@@ -156,7 +146,7 @@ def settings_of(options: CampaignOptions) -> CampaignSettings:
     settings = CampaignSettings(
         vehicle=name,
         vehicle_text=vehicle_text(name) if is_file(name) else "",
-        faults_text="" if faults is None else read_faults(faults),
+        faults_text=None if faults is None else read_faults(faults),
         faults_name="" if faults is None else str(faults),
     )
     settings.check()
@@ -203,17 +193,21 @@ def run_campaign(options: CampaignOptions, restart: bool) -> int:
         console.print(f"report: {page}", soft_wrap=True)
         if not tally.failing:
             return EXIT_OK
-        tell_failures(console, options, tally)
+        tell_failures(console, settings, options.out, tally)
         record_failures(console, pool, store, settings, list(tally.failing)[:RECORDED_MAX])
     complain(f"{tally.failing_seeds} of {tally.seeds} seeds failed")
     return EXIT_FAILED
 
 
-def tell_failures(console: Console, options: CampaignOptions, tally: Tally) -> None:
+def tell_failures(
+    console: Console, settings: CampaignSettings, out: Path, tally: Tally
+) -> None:
     """A line for each of the first failing seeds, and the command that repeats it."""
+    from campaign.report import replay_command
+
     for seed, failure in tally.failing.items():
         console.print(f"seed {seed}: {failure}", soft_wrap=True, markup=False)
-        console.print(f"  {options.repeat(seed)}", soft_wrap=True, markup=False)
+        console.print(f"  {replay_command(settings, seed, out)}", soft_wrap=True, markup=False)
     more = tally.failing_seeds - len(tally.failing)
     if more > 0:
         console.print(f"and {more} more seeds: see the report")

@@ -11,14 +11,13 @@ from typing import Any, TypeVar
 import click
 
 from dbw.failures import UserMistake
+from vehicles import DEFAULT
 
 BITRATE_BPS_MAX = 1_000_000
 """Classical CAN's (ISO 11898-1)."""
 
 STANDARD_INPUT = "-"
 """Name of a log that comes through a pipe."""
-
-VEHICLE_DEFAULT = "tabby_evo"
 
 VIRTUAL = "virtual"
 """An interface that lives inside one process."""
@@ -146,7 +145,7 @@ def vehicle_option(command: CommandT) -> CommandT:
     """`--vehicle`."""
     return click.option(
         "--vehicle",
-        default=VEHICLE_DEFAULT,
+        default=DEFAULT,
         show_default=True,
         metavar="NAME|FILE.toml",
         help="What the nodes believe about the car.",

@@ -111,6 +111,10 @@ SENSORS = {
 }
 """Analogue readings by `Node.field`; the encoders have a fault of their own."""
 
+ANGLE = "Steering.column_angle_rad"
+PATTERN_ANGLE_RAD_MAX = 9.6
+"""Beyond it the sensor of the car with the full scale above (TABBY EVO) counts as broken."""
+
 SWAPPED_WITH = {
     "Steering.column_angle_rad": "driver_torque_nm",
     "Steering.driver_torque_nm": "column_angle_rad",
@@ -254,10 +258,33 @@ assert KINDS.keys() == set(FaultKind)
 assert all(spec.low <= spec.default <= spec.high for spec in KINDS.values())
 
 
-def kinds_for(vehicle: Vehicle) -> tuple[FaultKind, ...]:
-    """Kinds of fault that a car can have: those of motor drives only where there are some."""
-    has_drives = vehicle.drives is not None
-    return tuple(k for k, spec in KINDS.items() if has_drives or spec.strikes is not Strikes.DRIVE)
+NOT_WIRED: dict[Strikes, frozenset[str]] = {
+    Strikes.ACTUATOR: frozenset({"Steering", "Throttle"}),
+    Strikes.ENCODER: frozenset({"Throttle"}),
+}
+"""What an ECU has no wire to where motor drives on the bus do it."""
+
+
+def targets_of(vehicle: Vehicle) -> dict[FaultKind, tuple[str, ...]]:
+    """Kinds of fault that a car can have, with what each may strike there."""
+    if vehicle.drives is None:
+        others = {k: spec for k, spec in KINDS.items() if spec.strikes is not Strikes.DRIVE}
+        return {kind: TARGETS[spec.strikes] for kind, spec in others.items()}
+    return {
+        kind: tuple(
+            name for name in TARGETS[spec.strikes]
+            if name not in NOT_WIRED.get(spec.strikes, frozenset())
+        )
+        for kind, spec in KINDS.items()
+    }
+
+
+def full_scale(vehicle: Vehicle, target: str) -> float:
+    """What a sensor's whole range is, in its own unit: of the steering angle's, by the vehicle."""
+    size = SENSORS[target].full_scale
+    if target == ANGLE:
+        size *= vehicle.steering.sensor_angle_rad_max / PATTERN_ANGLE_RAD_MAX
+    return size
 
 
 def described(kind: FaultKind, value: float) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -83,22 +83,23 @@ class Rate:
     """A fault that comes again and again, at random times.
 
     Attributes:
-        fault: what comes; its `at_s` does not count. A target of `*` is drawn each time.
+        fault: what comes; its `at_s` does not count.
         per_h: how often, on average.
+        targets: what it may strike in place of the fault's own target, drawn each time.
     """
 
     fault: Fault
     per_h: float
-    is_any_target: bool = False
+    targets: tuple[str, ...] = ()
 
     def draw(self, duration_s: float, rng: Generator) -> list[Fault]:
         """The faults of one run: a Poisson process of this rate."""
         count = int(rng.poisson(self.per_h * duration_s / S_PER_H))
-        targets = TARGETS[KINDS[self.fault.kind].strikes]
+        targets = self.targets
         drawn = []
         for at_s in sorted(float(x) for x in rng.uniform(0.0, duration_s, count)):
             target = self.fault.target
-            if self.is_any_target:
+            if targets:
                 target = targets[int(rng.integers(len(targets)))]
             drawn.append(replace(self.fault, at_s=at_s, target=target))
         return drawn
@@ -132,13 +133,15 @@ def read_faults(path: Path) -> str:
         raise FaultError(f"{path}: {reason}") from error
 
 
-def parse_faults(text: str, name: str, kinds: Collection[FaultKind] = KINDS) -> FaultPlan:
+def parse_faults(
+    text: str, name: str, targets: Mapping[FaultKind, tuple[str, ...]]
+) -> FaultPlan:
     """What a file of faults asks for.
 
     Args:
         text: Of the file.
         name: Of the file, for errors.
-        kinds: What the car can have (`fault_kinds.kinds_for`).
+        targets: What the car can have, and where (`fault_kinds.targets_of`).
 
     Raises:
         FaultError: a fault cannot be: file, line and reason.
@@ -160,7 +163,7 @@ def parse_faults(text: str, name: str, kinds: Collection[FaultKind] = KINDS) -> 
     rates: list[Rate] = []
     for line, table in zip(lines, tables, strict=True):
         try:
-            entry = _entry(table, kinds)
+            entry = _entry(table, targets)
         except FaultError as error:
             raise FaultError(f"{name}: line {line}: {error}") from error
         if isinstance(entry, Rate):
@@ -170,7 +173,7 @@ def parse_faults(text: str, name: str, kinds: Collection[FaultKind] = KINDS) -> 
     return FaultPlan(fixed=tuple(fixed), rates=tuple(rates))
 
 
-def _entry(table: dict[str, Any], kinds: Collection[FaultKind]) -> Fault | Rate:
+def _entry(table: dict[str, Any], targets: Mapping[FaultKind, tuple[str, ...]]) -> Fault | Rate:
     """One table of a file."""
     unknown = sorted(set(table) - set(FIELDS))
     if unknown:
@@ -178,7 +181,7 @@ def _entry(table: dict[str, Any], kinds: Collection[FaultKind]) -> Fault | Rate:
     kind = table.get("kind")
     if kind not in list(FaultKind):
         raise FaultError(f"kind {kind!r}: allowed {_any(tuple(FaultKind))}")
-    if kind not in kinds:
+    if kind not in targets:
         raise FaultError(f"kind {kind!r}: this car has no motor drives on its bus")
     if ("at_s" in table) == ("per_h" in table):
         raise FaultError("either at_s or per_h is wanted")
@@ -191,12 +194,14 @@ def _entry(table: dict[str, Any], kinds: Collection[FaultKind]) -> Fault | Rate:
     if is_any and per_h is None:
         raise FaultError("target '*' needs per_h: a fault at one time strikes one target")
     if is_any:
-        target = TARGETS[KINDS[FaultKind(kind)].strikes][0]
+        target = targets[FaultKind(kind)][0]
+    elif target in TARGETS[KINDS[FaultKind(kind)].strikes] and target not in targets[kind]:
+        raise FaultError(f"target {target!r}: this car has a motor drive on its bus there")
     fault = Fault(kind=FaultKind(kind), target=target, **numbers)
     if per_h is None:
         return fault
     _check("per_h", per_h, 0.0, PER_H_MAX)
-    return Rate(fault=fault, per_h=per_h, is_any_target=is_any)
+    return Rate(fault=fault, per_h=per_h, targets=targets[fault.kind] if is_any else ())
 
 
 def _number(name: str, value: object) -> float:

@@ -15,12 +15,10 @@ from numpy.random import Generator
 
 from canbus.frame import Frame
 from simulation.disturbance import Disturbance
-from simulation.drives.faults import DriveFault
 from simulation.fault_kinds import KINDS, FaultKind, Strikes
 from simulation.faults import Fault
 from simulation.frame_faults import FrameFaults
 from simulation.overlay import Overlays, Undo
-from simulation.plant.drive_train import DriveUnit
 from simulation.wiring_faults import WiringFaults
 from simulation.world import Station, World
 
@@ -37,8 +35,6 @@ LINGERS_NS = {
 """How long a fault stays after its end, for each unit of its value."""
 STAYS_NS = {FaultKind.BUS_OFF: 200 * NS_PER_MS}  # the controller waits 100 ms, counts, is back
 """How long it stays, whatever its value."""
-DRIVE_FAULT = DriveFault.OVERCURRENT
-"""A drive that trips over it cannot brake its motor any more."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -244,11 +240,9 @@ class Injector:
         unit = next(unit for unit in train.units if unit.name == fault.target)
         match fault.kind:
             case FaultKind.DRIVE_FAULT:
-                unit.drive.fail(DRIVE_FAULT)
-                return lambda _: unit.drive.mend(DRIVE_FAULT)
+                return put(unit, "is_tripped", True)
             case FaultKind.DRIVE_DEAD:
-                unit.is_alive = False
-                return partial(_revive_drive, unit)
+                return put(unit, "is_alive", False)
             case FaultKind.DRIVE_MUTE:
                 return put(unit, "is_mute", True)
         assert fault.kind is FaultKind.DRIVE_DEAF
@@ -312,11 +306,6 @@ class Injector:
             case "button":
                 return put(driver, "button_pressed", fault.value > 0.0)
         return put(driver, "emergency_stop_pressed", fault.value > 0.0)
-
-
-def _revive_drive(unit: DriveUnit, true_ns: int) -> None:
-    if not unit.is_alive:
-        unit.restart()
 
 
 def _revive(station: Station, true_ns: int) -> None:

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from ecus.brake_servo.ports import BrakeActuator
 from ecus.steering.ports import SteeringActuator
 from ecus.throttle.ports import DAC_CODE_MAX, ThrottleActuator, dac_code
-from simulation.fault_kinds import SENSORS, SWAPPED_WITH, FaultKind
+from simulation.fault_kinds import SENSORS, SWAPPED_WITH, FaultKind, full_scale
 from simulation.faults import Fault
 from simulation.overlay import Overlays, Undo
 from simulation.world import Station, World
@@ -63,8 +63,7 @@ class WiringFaults:
         return _wrap(self._world.stations[sensor.node].senses, between)
 
     def _bending(self, fault: Fault) -> Bend:
-        full_scale = SENSORS[fault.target].full_scale
-        size = fault.value * full_scale
+        size = fault.value * full_scale(self._world.vehicle, fault.target)
         match fault.kind:
             case FaultKind.SENSOR_STUCK:
                 held: list[float] = []

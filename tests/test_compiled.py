@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,19 @@ from simulation import kernel
 
 SETTINGS = CampaignSettings(seed_s=60.0)
 SEEDS = range(4)
+FAULTS = """
+[[fault]]
+kind = "drive_deaf"
+target = "LeftWheelDrive"
+at_s = 6.0
+for_s = 0.5
+[[fault]]
+kind = "drive_fault"
+target = "*"
+per_h = 400.0
+for_s = 0.5
+"""
+ON_DRIVES = CampaignSettings(vehicle="baja_5b", seed_s=30.0, faults_text=FAULTS)
 UNTOLD_SEED = 3
 IN_A_PROCESS = """
 from tests.test_compiled import is_compiled, story
@@ -41,6 +55,10 @@ def story() -> list[str]:
         result = run_seed(SETTINGS, seed)
         assert result.injections
         lines.append(repr(replace(result, cpu_s=0.0)))
+    sent = pickle.loads(pickle.dumps(ON_DRIVES))  # as to a worker
+    on_drives = run_seed(sent, 0)
+    assert sent.faults is not None and len(on_drives.injections) > 1
+    lines.append(repr(replace(on_drives, cpu_s=0.0)))
     scenario = build(SETTINGS, UNTOLD_SEED)
     scenario.injector.plan(faults_of(SETTINGS, UNTOLD_SEED))
     scenario.injector.listeners.clear()

@@ -1,6 +1,6 @@
 """Vehicles: what the nodes believe about a car, one TOML file each."""
 
-from vehicles.reading import known_vehicles, load_vehicle, parse_vehicle
+from vehicles.reading import DEFAULT, known_vehicles, load_vehicle, parse_vehicle
 from vehicles.vehicle import Vehicle, VehicleError
 
-__all__ = ["Vehicle", "VehicleError", "known_vehicles", "load_vehicle", "parse_vehicle"]
+__all__ = ["DEFAULT", "Vehicle", "VehicleError", "known_vehicles", "load_vehicle", "parse_vehicle"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from vehicles.vehicle import (
     STOP_MARGIN,
@@ -80,6 +80,10 @@ class Problem:
 
     line: int
     text: str
+
+
+DEFAULT: Final = "tabby_evo"
+"""The vehicle where none is named."""
 
 
 def known_vehicles() -> list[str]:

@@ -20,6 +20,7 @@ from ecus.throttle.ports import ThrottleActuator
 from oracle.drives import LEFT_DRIVE, RIGHT_DRIVE, STEERING_DRIVE
 from simulation.drives.axis import TICK_S
 from simulation.drives.drive import TICK_NS, EposDrive
+from simulation.drives.faults import DriveFault
 from simulation.drives.motor import Motor, MotorParams
 from simulation.plant.chassis import Chassis
 from simulation.plant.hardware import Hardware
@@ -36,6 +37,9 @@ HELD: Final = frozenset(
 )
 """States in which a drive may put current into its motor."""
 
+BROKEN: Final = DriveFault.OVERCURRENT
+"""What a drive that trips says: it cannot brake its motor any more."""
+
 
 class DriveUnit:
     """One drive, its motor and its end of the bus.
@@ -44,9 +48,11 @@ class DriveUnit:
         name: Of its station on the wire.
         inbox, outbox: Frames to it and from it that wait.
         acceptance: Identifiers that it can ever want.
-        is_alive: A dead one does nothing, and its motor coasts.
+        is_alive: A dead one does nothing, and its motor coasts; it comes back with nothing
+            remembered.
         is_mute: Its frames reach nobody.
         is_deaf: Nobody's frames reach it.
+        is_tripped: Its output stage is broken: it is in FAULT.
     """
 
     def __init__(self, name: str, node_id: int, params: MotorParams, start_ns: int) -> None:
@@ -59,6 +65,9 @@ class DriveUnit:
         self.is_alive = True
         self.is_mute = False
         self.is_deaf = False
+        self.is_tripped = False
+        self._was_dead = False
+        self._was_tripped = False
         bases = (cia402.TARGET_POSITION_ID, cia402.TARGET_VELOCITY_ID, SDO_REQUEST_ID)
         heartbeats = (HEARTBEAT_ID + other for other in NODE_IDS.values())
         self.acceptance = frozenset({NMT_ID, *heartbeats, *(base + node_id for base in bases)})
@@ -75,9 +84,15 @@ class DriveUnit:
         self._now_ns += span_ns
         received, self.inbox = self.inbox, []
         if not self.is_alive:
+            self._was_dead = True
             for _ in range(span_ns // TICK_NS):
                 self.motor.step(0.0, TICK_S)
             return
+        if self._was_dead:
+            self.restart()
+        if self.is_tripped is not self._was_tripped:
+            self._was_tripped = self.is_tripped
+            (self.drive.fail if self.is_tripped else self.drive.mend)(BROKEN)
         frames = self.drive.step(self._now_ns, () if self.is_deaf else received)
         if frames and not self.is_mute:
             self.outbox += frames
@@ -86,6 +101,7 @@ class DriveUnit:
         """Power off and on: a new drive on the same motor."""
         self.drive = EposDrive(self.node_id, self.motor)
         self.is_alive = True
+        self._was_dead = self._was_tripped = False
 
 
 class DriveTrain:

@@ -109,10 +109,11 @@ def unheard(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
                 trigger=state, text="the supervisor started anew while the car drove itself",
             )
             return
-    yield _deaf(evidence, claim)
+    yield deaf(evidence, claim)
 
 
-def _deaf(evidence: Evidence, claim: Claim) -> Cause:
+def deaf(evidence: Evidence, claim: Claim) -> Cause:
+    """Of a node that misses what was there: it does not hear."""
     name = "SUPERVISOR_STATE" if claim.about is None else claim.about.name
     trigger = evidence.window.newest(name, claim.time_ns)
     return Cause(
@@ -126,7 +127,7 @@ def no_command(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
     """ER5: the commands do not come, or carry a decision that grows old."""
     if claim.reason is Reason.COMMAND_MISSING:
         causes = list(silent(evidence, claim))
-        yield from causes or [_deaf(evidence, claim)]
+        yield from causes or [deaf(evidence, claim)]
         return
     name = COMMAND_OF.get(claim.node, COMMANDS[0]) if claim.about is None else claim.about.name
     newest = evidence.window.newest(name, claim.time_ns)

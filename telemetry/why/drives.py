@@ -6,12 +6,15 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from canbus.canopen_protocol import HEARTBEAT_ID, NmtState
-from canbus.cia402 import EMCY_ID, SENT_IDS
+from canbus.cia402 import EMCY_ID, POSITION_ID, VELOCITY_ID, OperationMode
+from canbus.drive_client import SILENCE_NS
 from canbus.frame import FrameKind
+from canbus.node import PERIOD_NS
 from telemetry.monitor.canopen_words import error_text
-from telemetry.why.absence import unheard
-from telemetry.why.evidence import NS_PER_MS, SOON_NS, Evidence, node_text
+from telemetry.why.absence import deaf, unheard
+from telemetry.why.evidence import SOON_NS, Evidence, node_text
 from telemetry.why.incident import Cause, CauseKind, Claim
+from telemetry.why.window import Heard
 from vehicles import Vehicle
 from vehicles.vehicle import DRIVE_NAMES
 
@@ -23,9 +26,18 @@ DRIVE_TEXT: Final = dict(
     )
 )
 ECU_OF_DRIVE: Final = dict(zip(DRIVE_NAMES, ("Steering", "Throttle", "Throttle"), strict=True))
-BOOT_UP: Final = bytes([NmtState.INITIALISING])
-AWAY_NS: Final = 50 * NS_PER_MS
-"""A drive sends every 20 ms; its ECU misses it after 60."""
+MODE_OF_DRIVE: Final = dict(
+    zip(
+        DRIVE_NAMES,
+        (OperationMode.PROFILE_POSITION, *[OperationMode.PROFILE_VELOCITY] * 2),
+        strict=True,
+    )
+)
+"""What an ECU uses its drive in (docs/drives.md)."""
+STARTING: Final = (bytes([NmtState.INITIALISING]), bytes([NmtState.PRE_OPERATIONAL]))
+"""Heartbeats of a drive that has no setting any more."""
+AWAY_NS: Final = SILENCE_NS - PERIOD_NS
+"""An ECU that looks every cycle calls a drive silent between this and a cycle more."""
 
 
 def drives_of(vehicle: Vehicle, ecu: str) -> Mapping[int, str]:
@@ -68,44 +80,45 @@ def node_silent(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
     if not drives:
         yield from unheard(evidence, claim)
         return
-    causes = drives_away(evidence, claim.node, claim.time_ns)
-    yield from causes or [
-        Cause(
-            kind=CauseKind.UNKNOWN, subject=claim.node, since_ns=claim.since_ns,
-            trigger=claim.heard, text=f"{node_text(claim.node)} found a motor drive not ready: in "
-            "another mode, or not switched on",
-        )
+    causes = [
+        cause for node_id, name in drives.items()
+        if (cause := _absent(evidence, claim.time_ns, node_id, name)) is not None
     ]
+    yield from causes or [deaf(evidence, claim)]
 
 
 def drives_away(evidence: Evidence, ecu: str, at_ns: int) -> list[Cause]:
-    """An ECU's drives that had fallen silent by then, or just started anew."""
+    """An ECU's drives that were heard of and then fell silent, or have just started anew."""
     found = (
-        _of_drive(evidence, at_ns, node_id, name)
+        _absent(evidence, at_ns, node_id, name)
         for node_id, name in drives_of(evidence.vehicle, ecu).items()
     )
-    return [cause for cause in found if cause is not None]
+    return [cause for cause in found if cause is not None and cause.trigger is not None]
 
 
-def _of_drive(evidence: Evidence, at_ns: int, node_id: int, name: str) -> Cause | None:
-    sent = {base + node_id for base in SENT_IDS}
+def _absent(evidence: Evidence, at_ns: int, node_id: int, name: str) -> Cause | None:
+    """Why a drive cannot be used, as far as it shows: anew, silent, in another mode; or None."""
     begin_ns = evidence.window.begin_ns
-    rows = [
-        row for row in evidence.window.between(begin_ns, at_ns)
-        if row.frame.can_id in sent and row.frame.kind is FrameKind.DATA
-    ]
-    for row in rows:
-        is_boot = row.frame.can_id == HEARTBEAT_ID + node_id and row.frame.data == BOOT_UP
-        if is_boot and at_ns - row.time_ns <= SOON_NS:
-            return Cause(
-                kind=CauseKind.NODE_RESTARTED, subject=name, since_ns=row.time_ns, trigger=row,
-                text=f"{DRIVE_TEXT[name]} started anew",
-            )
-    last = rows[-1] if rows else None
-    since_ns = begin_ns if last is None else last.time_ns
-    if at_ns - since_ns < AWAY_NS:
-        return None
+    newest: dict[int, Heard] = {}
+    for row in evidence.window.between(begin_ns, at_ns):
+        if row.frame.kind is FrameKind.DATA:
+            newest[row.frame.can_id - node_id] = row
+    beat, position = newest.get(HEARTBEAT_ID), newest.get(POSITION_ID)
+    if beat is not None and beat.frame.data in STARTING and at_ns - beat.time_ns <= SOON_NS:
+        return _cause(CauseKind.NODE_RESTARTED, name, beat, "started anew")
+    told = [newest[base] for base in (POSITION_ID, VELOCITY_ID) if base in newest]
+    last = max(told, key=lambda row: row.time_ns, default=None)
+    if last is None:
+        return _cause(CauseKind.NODE_SILENT, name, None, "was not heard at all")
+    if at_ns - last.time_ns >= AWAY_NS:
+        return _cause(CauseKind.NODE_SILENT, name, last, "fell silent")
+    if position is not None and position.frame.data[-1:] != bytes([MODE_OF_DRIVE[name]]):
+        return _cause(CauseKind.NOT_FOLLOWING, name, position, "was in another mode of operation")
+    return None
+
+
+def _cause(kind: CauseKind, name: str, trigger: Heard | None, what: str) -> Cause:
     return Cause(
-        kind=CauseKind.NODE_SILENT, subject=name, since_ns=since_ns, trigger=last,
-        text=f"{DRIVE_TEXT[name]} fell silent",
+        kind=kind, subject=name, since_ns=None if trigger is None else trigger.time_ns,
+        trigger=trigger, text=f"{DRIVE_TEXT[name]} {what}",
     )

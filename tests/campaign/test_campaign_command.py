@@ -196,6 +196,15 @@ def test_a_users_own_car_is_driven_and_told_from_another(
     assert "the campaign there has other settings" in capsys.readouterr().err
 
 
+def test_an_empty_file_of_faults_is_refused_and_not_taken_for_none(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    empty = tmp_path / "empty.toml"
+    empty.touch()
+    said = refused(arguments(tmp_path / "out", "--faults", str(empty)), tmp_path, capsys)
+    assert f"{empty}: wanted is a list of [[fault]] tables" in said
+
+
 def test_a_fault_of_a_drive_is_refused_for_a_car_without_drives(
     tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
 ) -> None:

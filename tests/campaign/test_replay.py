@@ -23,6 +23,7 @@ from simulation.world import World
 
 CRASH = '[[fault]]\nkind = "crash"\ntarget = "Steering"\nat_s = 2.5\nfor_s = 0.5\n'
 SETTINGS = CampaignSettings(seed_s=4.0, faults_text=CRASH)
+EVERY = {kind: TARGETS[spec.strikes] for kind, spec in KINDS.items()}
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -108,4 +109,4 @@ def test_a_file_of_faults_holds_exactly_what_was_injected(kind: str) -> None:
         for for_s in (inf, 1e-5)
         for value in (low, spec.default)
     )
-    assert parse_faults(fault_file(faults), "f").fixed == faults
+    assert parse_faults(fault_file(faults), "f", EVERY).fixed == faults

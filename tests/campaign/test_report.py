@@ -174,7 +174,7 @@ def test_a_campaign_without_failures_says_so_and_lists_none(tmp_path: Path) -> N
 def test_a_failing_seed_is_one_line_that_repeats_it_with_its_reasons(tmp_path: Path) -> None:
     report, page = written(tmp_path, three_seeds())
     assert [failure["replay"] for failure in report["failures"]] == [
-        "dbw campaign --replay 1", "dbw campaign --replay 7",
+        f"dbw campaign --replay 1 --out {tmp_path}", f"dbw campaign --replay 7 --out {tmp_path}",
     ]  # fmt: skip
     assert report["failures"][0]["reasons"] == [
         "broken at 50.000 s: braking stays: 0.2 at 3.1 m/s",
@@ -189,12 +189,14 @@ def test_a_failing_seed_is_one_line_that_repeats_it_with_its_reasons(tmp_path: P
 
 def test_a_seed_with_a_file_of_faults_is_repeated_with_that_file() -> None:
     settings = CampaignSettings(faults_text="x", faults_name="my storm.toml")
-    assert replay_command(settings, 5) == "dbw campaign --replay 5 --faults 'my storm.toml'"
+    line = "dbw campaign --replay 5 --out o --faults 'my storm.toml'"
+    assert replay_command(settings, 5, Path("o")) == line
 
 
 def test_a_seed_of_another_car_is_repeated_with_that_car() -> None:
     settings = CampaignSettings(vehicle="my car.toml", vehicle_text="x")
-    assert replay_command(settings, 5) == "dbw campaign --replay 5 --vehicle 'my car.toml'"
+    line = "dbw campaign --replay 5 --out o --vehicle 'my car.toml'"
+    assert replay_command(settings, 5, Path("o")) == line
 
 
 def test_of_many_failing_seeds_all_are_told_and_some_in_words(tmp_path: Path) -> None:
@@ -238,7 +240,7 @@ def test_the_page_puts_the_campaign_beside_the_car_on_the_road(tmp_path: Path) -
 
 
 def test_the_same_results_make_the_same_files(tmp_path: Path) -> None:
-    assert written(tmp_path / "a", three_seeds()) == written(tmp_path / "b", three_seeds())
+    assert written(tmp_path, three_seeds()) == written(tmp_path, three_seeds())
 
 
 def test_other_files_of_the_folder_are_left_alone(tmp_path: Path) -> None:
@@ -281,7 +283,8 @@ def test_only_clean_faults_that_can_be_missed_bound_the_misses() -> None:
         replace(CRASH, demand=Demand.ANY, is_due=False, budget_ms=None),
         replace(CRASH, is_clean=False, is_missed=True),
     )
-    report = report_of(summarise([replace(GOOD, injections=injections)]), SETTINGS, wall_s=1.0)
+    tally = summarise([replace(GOOD, injections=injections)])
+    report = report_of(tally, SETTINGS, Path(), wall_s=1.0)
     assert (report.clean_trials, report.clean_missed, report.missed) == (2, 0, 1)
     assert report.miss_probability_bound == pytest.approx(1.0 - math.sqrt(0.05))
 

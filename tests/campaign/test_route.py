@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, pi, sin
 
 import numpy as np
@@ -68,6 +69,11 @@ def test_offsets_are_positive_to_the_left_whatever_the_heading() -> None:
         route.begin(3.0, -2.0, heading_rad)
         left = (3.0 - 0.5 * sin(heading_rad), -2.0 + 0.5 * cos(heading_rad))
         assert route.offset_of(*left) == pytest.approx(0.5)
+
+
+def test_a_slow_cars_road_bends_as_well() -> None:
+    slow = replace(LIMITS, speed_mps=(0.2, 0.4))
+    assert max(abs(curvature) for _, curvature, _ in follow(0, 10_000, slow)) > 0.01
 
 
 def test_a_road_does_not_bend_under_a_standing_car() -> None:

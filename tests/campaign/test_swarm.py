@@ -9,7 +9,7 @@ from campaign.expectation import RECOVERY_S
 from campaign.run import faults_of
 from campaign.settings import CampaignSettings
 from campaign.swarm import CALM_S, FIRST_S, VALUE_MAX, storms
-from simulation.fault_kinds import KINDS, TARGETS, FaultKind, Strikes, kinds_for
+from simulation.fault_kinds import KINDS, FaultKind, Strikes, targets_of
 from vehicles import load_vehicle
 
 SEEDS = range(400)
@@ -24,16 +24,16 @@ def test_every_kind_and_every_target_that_a_car_has_comes_in_some_seed(vehicle: 
     drawn = {
         (fault.kind, fault.target) for seed in SEEDS for fault in faults_of(settings, seed)
     }
-    kinds = kinds_for(settings.car)
-    wanted = {(kind, target) for kind in kinds for target in TARGETS[KINDS[kind].strikes]}
-    assert {kind for kind, _ in drawn} == set(kinds)
-    assert len(wanted - drawn) < 0.1 * len(wanted)
+    targets = targets_of(settings.car)
+    wanted = {(kind, target) for kind, names in targets.items() for target in names}
+    assert {kind for kind, _ in drawn} == set(targets)
+    assert drawn <= wanted and len(wanted - drawn) < 0.1 * len(wanted)
 
 
 def test_only_a_car_with_drives_has_their_faults() -> None:
     assert len(KINDS_OF_DRIVES) == 4
-    assert set(kinds_for(load_vehicle("baja_5b"))) == set(FaultKind)
-    assert set(kinds_for(load_vehicle("tabby_evo"))) == set(FaultKind) - KINDS_OF_DRIVES
+    assert set(targets_of(load_vehicle("baja_5b"))) == set(FaultKind)
+    assert set(targets_of(load_vehicle("tabby_evo"))) == set(FaultKind) - KINDS_OF_DRIVES
 
 
 def test_some_seeds_have_no_fault_and_each_leaves_most_kinds_out() -> None:
@@ -53,7 +53,7 @@ def test_between_storms_there_is_time_to_recover() -> None:
 
 
 def test_a_seed_without_room_for_a_storm_has_none() -> None:
-    assert storms(FIRST_S + CALM_S, np.random.default_rng(0), tuple(FaultKind)) == []
+    assert storms(FIRST_S + CALM_S, np.random.default_rng(0), targets_of(SETTINGS.car)) == []
 
 
 def test_what_is_set_off_ends_with_its_storm() -> None:

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulation.fault_kinds import KINDS, TARGETS, FaultKind, Strikes, kinds_for
+from simulation.fault_kinds import KINDS, TARGETS, FaultKind, Strikes, targets_of
 from simulation.faults import Fault, FaultError, FaultPlan, parse_faults, read_faults
 from vehicles import load_vehicle
+
+TABBYS = targets_of(load_vehicle("tabby_evo"))
+ALL = {kind: TARGETS[spec.strikes] for kind, spec in KINDS.items()}
 
 STORM = """
 # a storm
@@ -73,13 +76,13 @@ def test_a_fault_that_cannot_be_is_refused(changes: dict[str, object], text: str
 def test_a_file_is_read(tmp_path: Path) -> None:
     path = tmp_path / "storm.toml"
     path.write_text(STORM, encoding="utf-8")
-    plan = parse_faults(read_faults(path), "storm")
+    plan = parse_faults(read_faults(path), "storm", ALL)
     assert plan.fixed == (Fault(kind=FaultKind.CRASH, target="Steering", at_s=3.5),)
     assert plan.rates[0].per_h == 720.0 and plan.rates[0].fault.share == 0.5
 
 
 def test_a_rate_is_drawn_anew_and_alike_for_each_seed() -> None:
-    plan = parse_faults(STORM, "storm")
+    plan = parse_faults(STORM, "storm", ALL)
     draws = [plan.draw(600.0, np.random.default_rng(seed)) for seed in (1, 1, 2)]
     assert draws[0] == draws[1] != draws[2]
     drops = [fault for fault in draws[0] if fault.kind is FaultKind.DROP]
@@ -118,7 +121,7 @@ def bad(text: str) -> str:
 )
 def test_a_file_that_cannot_be_used_is_refused_with_line_and_reason(text: str, told: str) -> None:
     with pytest.raises(FaultError) as refusal:
-        parse_faults(text, "storm.toml")
+        parse_faults(text, "storm.toml", ALL)
     assert str(refusal.value).startswith("storm.toml: ") and told in str(refusal.value)
 
 
@@ -135,9 +138,23 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
 )
 def test_a_fault_of_a_drive_is_refused_for_a_car_without_drives(kind: FaultKind) -> None:
     text = bad(f'kind = "{kind}"\ntarget = "LeftWheelDrive"\nat_s = 1')
-    assert parse_faults(text, "f", kinds_for(load_vehicle("baja_5b"))).fixed[0].kind is kind
+    assert parse_faults(text, "f", ALL).fixed[0].kind is kind
     with pytest.raises(FaultError, match=rf"f: line 3: kind '{kind}': this car has no motor"):
-        parse_faults(text, "f", kinds_for(load_vehicle("tabby_evo")))
+        parse_faults(text, "f", TABBYS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "target"),
+    [("actuator_stuck", "Throttle"), ("actuator_hot", "Steering"), ("encoder_dead", "Throttle")],
+)
+def test_where_a_drive_does_it_nothing_is_wired_that_could_break(kind: str, target: str) -> None:
+    text = bad(f'kind = "{kind}"\ntarget = "{target}"\nat_s = 1')
+    assert len(parse_faults(text, "f", TABBYS).fixed) == 1
+    with pytest.raises(FaultError, match=f"f: line 3: target '{target}': this car has a motor dr"):
+        parse_faults(text, "f", targets_of(load_vehicle("baja_5b")))
+    anywhere = bad(f'kind = "{kind}"\ntarget = "*"\nper_h = 3600')
+    plan = parse_faults(anywhere, "f", targets_of(load_vehicle("baja_5b")))
+    assert {fault.target for fault in plan.draw(60.0, np.random.default_rng(1))} == {"BrakeServo"}
 
 
 def test_every_strike_has_targets() -> None:

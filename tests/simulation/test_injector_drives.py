@@ -108,6 +108,24 @@ def test_a_dead_drive_comes_back_with_nothing_remembered() -> None:
     assert case.unit(STEERING).is_alive and case.unit(STEERING).drive is not before
 
 
+def test_faults_of_one_drive_overlap_and_the_last_to_end_ends_them() -> None:
+    case = Case().inject(K.DRIVE_DEAD, LEFT, for_s=0.2).inject(K.DRIVE_DEAD, LEFT, for_s=0.6)
+    case.inject(K.DRIVE_FAULT, RIGHT, for_s=0.2).inject(K.DRIVE_FAULT, RIGHT, for_s=3.0)
+    case.drive.run(0.4)
+    assert not case.unit(LEFT).is_alive and case.unit(RIGHT).is_tripped
+    case.drive.run(2.4)
+    assert case.unit(LEFT).is_alive
+    assert case.unit(RIGHT).drive.state is PowerState.FAULT  # reset once a second, in vain
+    case.drive.run(2.0)
+    assert case.unit(RIGHT).drive.state is not PowerState.FAULT
+
+
+def test_a_drive_that_comes_back_while_it_is_broken_trips_again() -> None:
+    case = Case().inject(K.DRIVE_FAULT, LEFT).inject(K.DRIVE_DEAD, LEFT, for_s=0.3)
+    case.drive.run(1.0)
+    assert case.unit(LEFT).drive.state is PowerState.FAULT
+
+
 def test_a_car_without_drives_has_none_of_their_faults() -> None:
     world = World(load_vehicle("tabby_evo"), seed=1)
     faults = Injector(world, np.random.default_rng(1))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from canbus import cia402
+from canbus.canopen_protocol import NmtCommand, nmt_frame
 from canbus.frame import Frame
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
@@ -114,13 +115,39 @@ def test_a_drive_that_is_not_switched_on_is_told_in_its_ecus_words(
     )
 
 
-def test_a_drive_in_another_mode_is_told_in_its_ecus_words() -> None:
+def test_a_drive_in_another_mode_is_named() -> None:
     recorded = Recorded()
     assert recorded.drive.car.train is not None
     left = recorded.drive.car.train.left.drive
     left._device.values[cia402.MODE] = cia402.OperationMode.HOMING
     cause = recorded.cause
-    assert (cause.kind, cause.subject) == (C.UNKNOWN, "Throttle")
-    assert cause.text == (
-        "the throttle ECU found a motor drive not ready: in another mode, or not switched on"
+    assert (cause.kind, cause.subject) == (C.NOT_FOLLOWING, LEFT)
+    assert cause.text == "the left wheel's drive was in another mode of operation"
+
+
+@pytest.mark.parametrize("ecu", ["Steering", "Throttle"])
+def test_an_ecu_that_no_longer_hears_is_told_from_a_silent_drive(ecu: str) -> None:
+    cause = Recorded().inject(Fault(kind=K.DEAF, target=ecu)).cause
+    assert (cause.kind, cause.subject) == (C.NODE_DEAF, ecu)
+
+
+def test_a_drive_of_which_the_log_has_no_frame_was_not_heard_at_all() -> None:
+    recorded = Recorded().inject(Fault(kind=K.DRIVE_MUTE, target=RIGHT))
+    recorded.drive.run(1.3)
+    right = {base + 0x13 for base in (0x080, 0x180, 0x280, 0x580, 0x700)}
+    frames = [item for item in recorded.frames if item[1].can_id not in right]
+    end = next(
+        item for item in Watch(BAJA).follow(frames)
+        if isinstance(item, Incident) and item.kind is Kind.EMERGENCY_BRAKE
     )
+    assert (end.cause.kind, end.cause.subject) == (C.NODE_SILENT, RIGHT)
+    assert end.cause.text == "the right wheel's drive was not heard at all"
+    assert end.cause.since_ns is None
+
+
+def test_a_drive_in_nmt_stop_is_silent_though_its_heart_beats() -> None:
+    recorded = Recorded()
+    assert BAJA.drives is not None
+    recorded.drive.world.inject(nmt_frame(NmtCommand.STOP, BAJA.drives.left_wheel_node_id))
+    cause = recorded.cause
+    assert (cause.kind, cause.subject) in {(C.NODE_SILENT, LEFT), (C.MOTOR_FAULT, LEFT)}
