@@ -24,7 +24,7 @@ from dbw import campaign_screen
 from dbw.campaign_screen import CampaignScreen, progress_line
 from dbw.main import main
 from tests.campaign import fakes
-from tests.campaign.test_workers import ROOT, is_running, until
+from tests.campaign.test_workers import ROOT, is_running, killed_if_it_fails, until
 from vehicles.reading import vehicle_text
 
 Capture = pytest.CaptureFixture[str]
@@ -117,10 +117,10 @@ def test_a_terminated_campaign_keeps_what_is_finished_and_goes_on(
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
         text=True,
-    ) as running:
+    ) as running, killed_if_it_fails(running):
         until(lambda: len(list(pids.iterdir())) == 2)
         running.send_signal(signal.SIGTERM)
-        _, said = running.communicate(timeout=20)
+        _, said = running.communicate(timeout=120)
     assert running.returncode == 130
     assert said.splitlines()[0] == f"dbw: what is finished is in {out}: the same command goes on"
     assert said.splitlines()[-1] == "dbw: interrupted"

@@ -6,8 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -113,7 +115,8 @@ def test_workers_end_with_their_parent(how: signal.Signals, tmp_path: Path) -> N
     with subprocess.Popen(
         [sys.executable, str(script), str(pids)], env=environment, stderr=subprocess.DEVNULL
     ) as parent:
-        until(lambda: len(list(pids.iterdir())) == 2)
+        with killed_if_it_fails(parent):
+            until(lambda: len(list(pids.iterdir())) == 2)
         parent.send_signal(how)
     assert parent.returncode != 0
     until(lambda: not any(is_running(int(path.name)) for path in pids.iterdir()))
@@ -121,10 +124,21 @@ def test_workers_end_with_their_parent(how: signal.Signals, tmp_path: Path) -> N
 
 def until(holds: Callable[[], bool]) -> None:
     """Waits for something that must come soon."""
-    end_ns = monotonic_ns() + 20_000_000_000
+    end_ns = monotonic_ns() + 120_000_000_000
+    pause = threading.Event()
     while not holds():
         assert monotonic_ns() < end_ns, "it never came"
-        os.sched_yield()
+        pause.wait(0.01)
+
+
+@contextmanager
+def killed_if_it_fails(process: subprocess.Popen[Any]) -> Iterator[None]:
+    """A test that fails waits for nobody who never ends."""
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
 
 
 @pytest.fixture

@@ -24,7 +24,10 @@ from tests.telemetry.test_telemetry_record import FRAMES, STEERING, expected, he
 
 Capture = pytest.CaptureFixture[str]
 GROUP = "239.74.163.61"
-CAN_ID = 0x5A0
+CAN_ID = 0x100 + os.getpid() % 0x600
+"""Of this run alone: all that listen to UDP hear each other, whatever the group."""
+SPACE_S = 0.006
+"""Between two frames: the kernel holds some 160 of them for a recorder that has to wait."""
 WAIT_S = 60
 KILL_LOSS_NS_MAX = NS_PER_S
 
@@ -173,7 +176,7 @@ def test_a_kill_costs_at_most_a_second(ending: str, tmp_path: Path) -> None:
         end_ns = monotonic_ns() + 3 * NS_PER_S
         while monotonic_ns() < end_ns:
             sent[len(sent)] = send(bus, len(sent))
-            select.select([], [], [], 0.002)
+            select.select([], [], [], SPACE_S)
         process.kill()
         killed_ns = realtime_ns()
     found = [int.from_bytes(item.data, "big") for item in heard_of(path)]
@@ -181,20 +184,21 @@ def test_a_kill_costs_at_most_a_second(ending: str, tmp_path: Path) -> None:
     assert found and killed_ns - sent[found[-1]] < KILL_LOSS_NS_MAX
 
 
+@pytest.mark.wall_clock
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_loses_nothing(number: signal.Signals, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with recording(path) as (process, bus):
-        for n in range(500):
+        for n in range(200):
             send(bus, n)
-            select.select([], [], [], 0.001)
+            select.select([], [], [], SPACE_S)
         select.select([], [], [], 0.5)  # what waits in a socket of python-can's is heard
         process.send_signal(number)
         assert process.stdout is not None
-        assert b"500 frames recorded" in process.stdout.read()
+        assert b"200 frames recorded" in process.stdout.read()
         assert process.wait(WAIT_S) == 0
     log = Log(path)
-    assert [int.from_bytes(f.data, "big") for f in log.frames()] == list(range(500))
+    assert [int.from_bytes(f.data, "big") for f in log.frames()] == list(range(200))
     assert log.problems.lines() == []
 
 

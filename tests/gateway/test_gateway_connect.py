@@ -82,6 +82,11 @@ class Partner:
         self.speak()
         self.speak()
 
+    def is_heard_ready(self, car: Car) -> bool:
+        """Speaks, and asks: what was said is believed for 60 ms alone."""
+        self.speak()
+        return car.state.mode is Mode.READY
+
     def hear(self, name: str, timeout_s: float = 2.0) -> tuple[int, Any]:
         """The next frame of a message, with its arrival."""
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -132,7 +137,7 @@ def test_decision_leaves_from_the_call_itself(partner: Partner) -> None:
     with connect("virtual", CHANNEL) as car:
         partner.start_gateway()
         partner.hear("STEER_COMMAND")
-        wait_for(lambda: car.state.mode is Mode.READY)
+        wait_for(lambda: partner.is_heard_ready(car))
         for _ in range(10):
             # A command right after a repetition is held back by the DBC's minimum interval.
             time.sleep(0.023)
@@ -154,7 +159,7 @@ def test_state_follows_the_bus_and_forgets_a_silent_one(partner: Partner) -> Non
     with connect("virtual", CHANNEL) as car:
         assert car.state.mode is None
         partner.start_gateway()
-        wait_for(lambda: car.state.mode is Mode.READY)
+        wait_for(lambda: partner.is_heard_ready(car))
         wait_for(lambda: car.state.mode is None)  # silent for 60 ms
         assert car.state.why_not_engaged.startswith("no supervisor on the bus (silent for")
 
@@ -272,10 +277,13 @@ def test_frames_that_arrive_between_cycles_are_all_taken(partner: Partner) -> No
     gateway = link()
     gateway.open()
     try:
-        for _ in range(3):
+
+        def are_all_heard() -> bool:  # for 60 ms
             partner.speak()
             time.sleep(0.003)
-        wait_for(lambda: all(h.is_heard for h in gateway.state().node_health.values()))
+            return all(h.is_heard for h in gateway.state().node_health.values())
+
+        wait_for(are_all_heard)
         partner.bus.send(Frame(0x181, b"\x00"))
         wait_for(lambda: any("ER0" in event.text for event in gateway.poll_events()))
     finally:

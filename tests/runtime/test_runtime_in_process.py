@@ -122,8 +122,12 @@ def test_a_planner_reaches_the_nodes_by_the_channel() -> None:
         bench.stack,
         PythonCanBus("virtual", bench.stack.channel, clock=monotonic_ns) as bus,
     ):
-        bus.send(Frame(0x202, b"\x01"))
-        wait_until(lambda: all(0x202 in beacon.heard for beacon in bench.beacons.values()))
+
+        def is_heard_by_all() -> bool:  # a node's first step hears what came just before it alone
+            bus.send(Frame(0x202, b"\x01"))
+            return all(0x202 in beacon.heard for beacon in bench.beacons.values())
+
+        wait_until(is_heard_by_all)
         assert bus.receive(1_000_000_000)
 
 
@@ -134,12 +138,13 @@ def test_driver_presses_button_pedals_and_emergency_stop() -> None:
         wait_until(lambda: supervisor.sensors is not None)
         stack.driver(button_pressed=True)
         wait_until(lambda: supervisor.sensors.button_pressed)
+        wait_until(lambda: throttle.sensors is not None)
         stack.driver(throttle_pedal_ratio=0.5)
         wait_until(lambda: throttle.sensors.pedal_ratio > 0.4)
         assert supervisor.sensors.button_pressed  # what is not named stays
         stack.driver(button_pressed=False, emergency_stop_pressed=True)
         wait_until(lambda: supervisor.sensors.emergency_stop_pressed)
-        assert not supervisor.sensors.button_pressed
+        wait_until(lambda: not supervisor.sensors.button_pressed)
         wait_until(lambda: bench.beacons["safety_monitor"].sensors.emergency_stop_pressed)
 
 
@@ -205,7 +210,10 @@ def test_a_dead_plant_is_a_cut_harness() -> None:
     supervisor = bench.beacons["supervisor"]
     with bench.stack as stack:
         wait_until(lambda: bench.beacons["steering"].steps > 5)
-        assert not supervisor.sensors.emergency_stop_pressed
+        wait_until(
+            lambda: supervisor.sensors is not None
+            and not supervisor.sensors.emergency_stop_pressed
+        )
         stack.kill("plant")
         wait_until(lambda: supervisor.sensors.emergency_stop_pressed)
         sensors = bench.beacons["throttle"].sensors

@@ -56,7 +56,10 @@ class Log:
         return [line.split()[0] for line in self.lines() if line.split()[1] == word]
 
     def all_up(self) -> bool:
-        return len(self.names("up")) == len(ALL)
+        """All have said so, and the launcher has written them down."""
+        state = status("vcan7")
+        is_written = state is not None and len(state.nodes) == len(ALL)
+        return is_written and len(self.names("up")) == len(ALL)
 
     @property
     def said(self) -> str:
@@ -440,9 +443,11 @@ def test_children_that_outlive_their_launcher_are_ended_in_order_by_stop(
     monkeypatch.setenv("FAKE_DBW_DEAF", "throttle")
     monkeypatch.setattr(stack_control, "TERMINATE_S_MAX", 1.0)
     launcher = subprocess.Popen([sys.executable, "-c", LAUNCHER, *FAKE])
-    wait_until(log.all_up)
-    launcher.kill()
-    launcher.wait()
+    try:
+        wait_until(log.all_up)
+    finally:
+        launcher.kill()
+        launcher.wait()
     result = stop("vcan7")
     assert result.killed == ("throttle",)
     assert set(result.stopped) == ALL - {"throttle"}

@@ -78,7 +78,7 @@ class Drive:
 
 def wait_until(condition: Callable[[], bool]) -> None:
     pause = threading.Event()
-    deadline_ns = monotonic_ns() + 20_000_000_000
+    deadline_ns = monotonic_ns() + 120_000_000_000
     while not condition():
         assert monotonic_ns() < deadline_ns, "did not come in time"
         pause.wait(0.01)

@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, sync_playwright
 PACKAGE = "chromium"
 WAIT_MS_MAX = 60_000
 """For a condition: far longer than a busy machine takes."""
+LAUNCH_MS_MAX = 3 * WAIT_MS_MAX
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -43,7 +44,9 @@ def headless_chromium(folder: Path) -> Iterator[Browser]:
     gentle.write_text(f'#!/bin/sh\nexec nice -n 15 "{find_chromium()}" "$@"\n')
     gentle.chmod(0o755)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=gentle, args=list(FLAGS))
+        browser = playwright.chromium.launch(
+            executable_path=gentle, args=list(FLAGS), timeout=LAUNCH_MS_MAX
+        )
         try:
             yield browser
         finally:

@@ -48,6 +48,8 @@ class ForkedDbw:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if exception[0] is not None and self.returncode is None:
+            os.kill(self.pid, signal.SIGKILL)
         self.stdout.close()
         self.wait()
         os.close(self._pidfd)

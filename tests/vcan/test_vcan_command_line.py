@@ -30,6 +30,7 @@ from planner.road import open_road
 from runtime.launch import known_channels
 from runtime.nodes import NODES, STOP_ORDER
 from runtime.realtime import keep_collections_short
+from tests.vcan import LOAD_S_MAX
 from tests.vcan.bus_log import HARNESS_BUS, Line, candump, read_log
 from tests.vcan.forked import said_by_dbw
 from tests.vcan.shell import cansend
@@ -38,7 +39,6 @@ from vehicles import load_vehicle
 
 DBW = [sys.executable, "-m", "dbw"]
 UP = ["up", "--interface", "socketcan", "--channel", VEHICLE_BUS, "--harness-channel", HARNESS_BUS]
-BRING_UP_S_MAX = 120.0
 DOWN_S_MAX = 30.0
 PLANNER_PERIOD_NS = 100_000_000
 """The emulated processor is too slow for a first decision within 85 ms, the limit at 20 ms."""
@@ -105,7 +105,7 @@ def up(plan: DrivePlan, tmp_path_factory: pytest.TempPathFactory) -> Iterator[La
     with candump(folder / "bus.log", VEHICLE_BUS, HARNESS_BUS):
         launched = Launched(folder)
         try:
-            launched.wait(launched.is_in_manual, BRING_UP_S_MAX)
+            launched.wait(launched.is_in_manual, LOAD_S_MAX)
             yield launched
         finally:
             launched.process.terminate()
@@ -217,7 +217,12 @@ def test_down_ends_a_stack_that_is_still_starting(up: Launched, tmp_path: Path) 
     assert up.process.poll() is not None  # ended by the test before
     again = Launched(tmp_path)
     again.bus_log.touch()
-    again.wait(lambda: "stop with Ctrl-C" in again.output.read_text(), BRING_UP_S_MAX)
-    assert "stopped launcher, plant, steering" in said(tmp_path, "down", "--channel", VEHICLE_BUS)
-    assert again.process.wait(DOWN_S_MAX) == 0, again.output.read_text()
+    try:
+        again.wait(lambda: "stop with Ctrl-C" in again.output.read_text(), LOAD_S_MAX)
+        told = said(tmp_path, "down", "--channel", VEHICLE_BUS)
+        assert "stopped launcher, plant, steering" in told
+        assert again.process.wait(DOWN_S_MAX) == 0, again.output.read_text()
+    finally:
+        again.process.terminate()
+        again.process.wait()
     assert known_channels() == []

@@ -25,6 +25,7 @@ from telemetry.logs.reading import Log
 from telemetry.replay.comparison import DIFFERENCES, Match
 from telemetry.replay.source import record_of
 from telemetry.replay.through_node import replay_node
+from tests.vcan import LOAD_S_MAX
 from tests.vcan.bus_log import HARNESS_BUS
 from tests.vcan.forked import ForkedDbw
 from tests.vcan.stack import VEHICLE, VEHICLE_BUS, Stack, pause
@@ -47,7 +48,7 @@ def monitored(path: Path, count: int) -> list[str]:
     """What `dbw monitor` shows of a log that `canplayer` plays."""
     with ForkedDbw(["monitor", "vcan0", "-n", str(count)]) as monitor:
         play_to_a_listener(path)
-        return monitor.communicate(timeout=60.0).splitlines()
+        return monitor.communicate(timeout=LOAD_S_MAX).splitlines()
 
 
 def play_to_a_listener(path: Path) -> None:
@@ -63,7 +64,7 @@ def recorded_by_dbw(path: Path, out: Path) -> list[tuple[int, bytes]]:
         play_to_a_listener(path)
         pause(0.5)
         recorder.send_signal(signal.SIGINT)
-        assert recorder.wait(timeout=60.0) == 0
+        assert recorder.wait(timeout=LOAD_S_MAX) == 0
     return [(frame.can_id, frame.data) for frame in Log(out).frames()]
 
 
