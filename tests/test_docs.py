@@ -6,10 +6,12 @@ import ast
 import re
 from pathlib import Path
 
+import click
 import pytest
 
 from dbc.messages import SPECS, Mode
 from ecus.supervisor.mode import MODE_AFTER, ModeEvent
+from tests.dbw.command_lines import in_blocks, options
 from vehicles import load_vehicle
 
 ROOT = Path(__file__).parent.parent
@@ -49,6 +51,27 @@ def test_every_link_leads_somewhere(path: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         if not target.startswith("http"):
             assert (path.parent / target).exists(), target
+
+
+COMMANDS = [(path.name, line) for path in PAGES for line in in_blocks(path.read_text("utf-8"))]
+
+
+@pytest.mark.parametrize(("page", "line"), COMMANDS)
+def test_every_command_in_the_docs_is_one(page: str, line: str) -> None:
+    options(line)
+
+
+def test_pages_with_commands_are_read() -> None:
+    pages = {page for page, _ in COMMANDS}
+    assert pages >= {"README.md", "campaign.md", "hardware.md", "my-car.md", "telemetry.md",
+                     "virtual-machine.md"}
+    assert len(COMMANDS) > 45
+
+
+@pytest.mark.parametrize("line", ["dbw up --chanel can0", "dbw replay a.log --speed fast"])
+def test_a_command_that_is_none_is_found(line: str) -> None:
+    with pytest.raises(click.UsageError):
+        options(line)
 
 
 def test_the_identifiers_in_the_docs_are_those_of_the_dbc() -> None:

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -86,6 +87,21 @@ def test_example_planner_drives(capsys: pytest.CaptureFixture[str]) -> None:
             skip_if_busy(attempt, str(error))
         else:
             assert 1.0 < distance_m < 8.0
+            return
+
+
+def test_the_planner_in_the_readme_drives() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = readme.split("```python")[1].split("```")[0]
+    for attempt in range(ATTEMPTS_MAX):
+        names: dict[str, Any] = {}
+        try:
+            exec(compile(code, "README.md", "exec"), names)
+        except RuntimeError as error:
+            skip_if_busy(attempt, str(error))
+        else:
+            assert names["number"] == 200
+            assert 1.0 < names["stack"].truth().distance_m < 8.0
             return
 
 
