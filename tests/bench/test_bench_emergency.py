@@ -18,7 +18,10 @@ from canbus.node import NODE_IDS
 MS = 1_000_000
 FREE = false_trips.FaultFree(drives=1, span_s=1.0, frames=1, trips=())
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*use of fork.*:DeprecationWarning")
+pytestmark = [
+    pytest.mark.whole_car,
+    pytest.mark.filterwarnings("ignore:.*use of fork.*:DeprecationWarning"),
+]
 
 
 def sample(bus_ns: int | None, brake_ns: int | None, seed: int = 7) -> Sample:

@@ -12,6 +12,8 @@ from canbus.frame import Frame
 from dbc.codec import encode
 from dbc.spec import MessageSpec
 
+pytestmark = pytest.mark.whole_car
+
 FOUR_FILES = ("drive.log", "path.png", "report.json", "signals.png")
 
 

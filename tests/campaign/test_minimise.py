@@ -21,6 +21,8 @@ from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 from tests.campaign import fakes
 
+pytestmark = pytest.mark.whole_car
+
 
 @given(size=st.integers(0, 40), data=st.data())
 def test_what_is_left_is_what_it_takes(size: int, data: st.DataObject) -> None:

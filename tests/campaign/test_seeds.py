@@ -16,6 +16,8 @@ from ecus.common.actuator_ecu import ActuatorEcu
 from simulation.fault_kinds import FaultKind
 from simulation.faults import Fault
 
+pytestmark = pytest.mark.whole_car
+
 SETTINGS = CampaignSettings()
 SHORT = replace(SETTINGS, seed_s=20.0)
 SEEDS = range(10)

@@ -15,6 +15,8 @@ from simulation.trace import candump_lines
 from simulation.world import World
 from vehicles import known_vehicles, load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 Capture = pytest.CaptureFixture[str]
 NAMES = known_vehicles()
 BAJA = load_vehicle("baja_5b")

@@ -22,6 +22,8 @@ from planner.road import open_road
 from telemetry.report import UAH_MAX_ERROR_M, UAH_RMSE_M
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 Capture = pytest.CaptureFixture[str]
 FILES = ["drive.log", "path.png", "report.json", "signals.png"]
 REPORT_KEYS = {

@@ -37,6 +37,8 @@ from experiments.table import (
 )
 from tests.experiments.running import FAST, once
 
+pytestmark = pytest.mark.whole_car
+
 Capture = pytest.CaptureFixture[str]
 ALLOWED = ", ".join([*PAPERS, "all"])
 KEYS = [

@@ -9,6 +9,8 @@ from experiments.search import tell
 from experiments.uah.fit import LOOPS, NEVER, WAIT, Loop
 from experiments.uwa.fit import PID
 
+pytestmark = pytest.mark.whole_car
+
 
 def figures(settling_s: float, error: float = 0.0) -> StepFigures:
     return StepFigures(dead_time_s=0.1, rise_s=1.0, settling_s=settling_s, overshoot_percent=4.0,

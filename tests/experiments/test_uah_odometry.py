@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from experiments.uah.odometry import NEAR_M, SIGMAS, lap_by_wheels
 from experiments.uah.path import campus_plan
+
+pytestmark = pytest.mark.whole_car
 
 
 def test_the_truth_stays_within_the_stated_error_and_a_third_of_it_would_be_too_little() -> None:

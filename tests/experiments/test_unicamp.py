@@ -33,6 +33,8 @@ from experiments.unicamp.wire import RPM_PER_MPS, Driver, Known, ThreeDrives
 from gateway.curvature_control import YawReading
 from simulation.drives.motor import EC45, RE50
 
+pytestmark = pytest.mark.whole_car
+
 
 def car(**changes: object) -> Baja:
     return Baja(replace(UNICAMP_PLANT, **changes), generator(0, "test"))  # type: ignore[arg-type]

@@ -21,6 +21,8 @@ from simulation.wire import Receiver
 from simulation.world import World
 from vehicles import load_vehicle, parse_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 UWA = load_vehicle("fsae_electric")
 MS = 1_000_000
 PERIOD_NS = 50 * MS

@@ -15,6 +15,8 @@ from oracle.sample import Sample
 from tests.oracle.watched import Watched, is_reset
 from tests.scenarios.driving import Drive
 
+pytestmark = pytest.mark.whole_car
+
 SEEDS = range(6)
 TOUCHES: tuple[dict[str, float], ...] = (
     {"steering_torque_nm": 6.0}, {"steering_torque_nm": -5.0}, {"throttle_pedal_ratio": 0.4},

@@ -61,6 +61,8 @@ from safety_monitor.verdict import VERDICT_OF, Phase, Severity
 from simulation.world import in_time
 from tests.oracle.watched import Watched
 
+pytestmark = pytest.mark.whole_car
+
 Patch = pytest.MonkeyPatch
 
 

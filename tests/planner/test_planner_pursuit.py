@@ -17,6 +17,8 @@ from planner.pure_pursuit import CURVATURE_PER_M_MAX, PurePursuit, PursuitParams
 from planner.road import FloatArray, open_road
 from planner.speed_plan import speed_plan
 
+pytestmark = pytest.mark.whole_car
+
 WHEELBASE_M = 2.360
 MS = 1_000_000
 

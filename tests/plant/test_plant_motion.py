@@ -11,6 +11,8 @@ from simulation.plant.chassis import Chassis
 from simulation.plant.params import GRAVITY_MPS2, TABBY_EVO, PlantParams, plant_params
 from simulation.plant.state import Pose
 
+pytestmark = pytest.mark.whole_car
+
 Drive = Callable[..., None]
 MakeCar = Callable[..., Car]
 WHEELBASE_M = 2.360

@@ -18,6 +18,8 @@ from tests.scenarios.driving import STRANGER, TICK_S, Drive
 from tests.vehicles.drive_car import CAR, GEAR, LEFT, STEER, TEXT
 from vehicles import parse_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 GEAR_PER_M = CAR.traction.gear_ratio / CAR.geometry.wheel_radius_m
 
 

@@ -13,6 +13,8 @@ from dbc.messages import ErrorCode, Mode, NodeState, Reason, Request
 from simulation.world import in_time
 from tests.scenarios.driving import Drive
 
+pytestmark = pytest.mark.whole_car
+
 NODES = list(NODE_IDS)
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")
 

@@ -18,6 +18,8 @@ from simulation.observer import Observer
 from tests.scenarios.driving import Drive, held_on_a_slope
 from vehicles import known_vehicles, load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 NAMES = pytest.mark.parametrize("name", known_vehicles())
 SLOPE_RAD = math.radians(8.0)
 SLOPES = pytest.mark.parametrize("slope_rad", [SLOPE_RAD, -SLOPE_RAD], ids=["up", "down"])

@@ -12,6 +12,8 @@ from dbc.messages import ErrorCode, Mode, NodeState, Request
 from ecus.brake_servo.ecu import BrakeServoEcu
 from tests.scenarios.driving import TABBY, Drive
 
+pytestmark = pytest.mark.whole_car
+
 
 def test_the_car_engages_drives_and_stops_on_request() -> None:
     drive = Drive().go(5.0, 0.02)

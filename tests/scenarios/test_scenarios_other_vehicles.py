@@ -11,6 +11,8 @@ from dbc.messages import ErrorCode, Mode, Reason, Request
 from tests.scenarios.driving import TABBY, Drive
 from vehicles import Vehicle, load_vehicle, parse_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 VAN: dict[str, dict[str, float]] = {
     "geometry": {"wheelbase_m": 3.2, "track_m": 1.7, "wheel_radius_m": 0.34, "mass_kg": 2100.0},
     "traction": {"motor_torque_nm_max": 280.0, "regen_torque_nm_max": 120.0, "gear_ratio": 7.0},

@@ -10,6 +10,8 @@ from simulation.faults import Fault
 from simulation.injector import Injector
 from tests.scenarios.driving import Drive
 
+pytestmark = pytest.mark.whole_car
+
 FULL_NS = 350_000_000
 """The watchdogs' 50 ms, the servo's 290 ms, and what the grid of the plant adds."""
 

@@ -12,6 +12,8 @@ from simulation.observer import Observer
 from tests.scenarios.driving import Drive, held_on_a_slope
 from vehicles import known_vehicles, load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 NAMES = pytest.mark.parametrize("name", known_vehicles())
 BACK_MPS = -0.9
 """Each car's own limit is 1 m/s or more."""

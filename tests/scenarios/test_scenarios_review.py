@@ -50,6 +50,8 @@ from tests.scenarios.driving import (
 )
 from vehicles.vehicle import DriverPolicy
 
+pytestmark = pytest.mark.whole_car
+
 ACTUATORS = ("Steering", "Throttle", "BrakeServo")
 NAN = math.nan
 DOWNHILL_RAD = -0.08

@@ -16,6 +16,8 @@ from simulation.plant.params import PlantParams
 from tests.scenarios.driving import Drive
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 UWA = load_vehicle("fsae_electric")
 PLANT = plant_of(UWA)
 HUNG_NS = 3_600_000_000_000

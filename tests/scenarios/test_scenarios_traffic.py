@@ -14,6 +14,8 @@ from canbus.frame import Frame
 from dbc.messages import SPECS, Mode
 from tests.scenarios.driving import Drive
 
+pytestmark = pytest.mark.whole_car
+
 CYCLIC = sorted(spec.can_id for spec in SPECS.values() if spec.cycle_ns)
 
 

@@ -14,6 +14,8 @@ from simulation.world import in_time
 from tests.scenarios.driving import Drive
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 UWA = load_vehicle("fsae_electric")
 SERVO_ON_S = UWA.brake.on_time_s_max
 

@@ -21,6 +21,8 @@ from simulation.world import World, in_time
 from tests.scenarios.driving import TABBY, Drive
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 K = FaultKind
 STATUS = "STEER_STATUS"
 STATUS_ID = ID_OF_NAME[STATUS]

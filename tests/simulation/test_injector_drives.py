@@ -15,6 +15,8 @@ from simulation.world import World
 from tests.scenarios.driving import Drive
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 BAJA = load_vehicle("baja_5b")
 K = FaultKind
 STEERING, LEFT, RIGHT = "SteeringDrive", "LeftWheelDrive", "RightWheelDrive"

@@ -16,6 +16,8 @@ from telemetry.why.freeze import FRAMES_MAX, FreezeError, FreezeStore, default_f
 from telemetry.why.watch import CodeOnset
 from tests.telemetry.why_drives import frames_with, told_of
 
+pytestmark = pytest.mark.whole_car
+
 SECOND_NS = 1_000_000_000
 
 

@@ -23,6 +23,8 @@ from tests.scenarios.driving import TABBY
 from tests.telemetry.replayed import Recorded
 from vehicles import Vehicle
 
+pytestmark = pytest.mark.whole_car
+
 MS = 1_000_000
 EVERY_NODE = pytest.mark.parametrize("name", NODES)
 

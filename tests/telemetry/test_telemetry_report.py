@@ -16,6 +16,8 @@ from telemetry.plots import DPI, PathPicture, plot_path, plot_signals
 from telemetry.report import Baseline, DriveReport, LocalisationNumbers
 from telemetry.signals import CodeSpan, ModeSpan, Signals, Trace
 
+pytestmark = pytest.mark.whole_car
+
 REPORT = DriveReport(
     track="campus",
     vehicle="tabby_evo",

@@ -17,6 +17,8 @@ from telemetry.why.window import Silence
 from telemetry.why.words import lines_of, summary
 from tests.telemetry.why_drives import VEHICLE, frames_with, incidents_of, told_of
 
+pytestmark = pytest.mark.whole_car
+
 NS_PER_S = 1_000_000_000
 CRASH = Fault(kind=FaultKind.CRASH, target="Throttle")
 

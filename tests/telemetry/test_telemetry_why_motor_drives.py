@@ -17,6 +17,8 @@ from telemetry.why.words import summary
 from tests.scenarios.driving import Drive
 from vehicles import load_vehicle
 
+pytestmark = pytest.mark.whole_car
+
 BAJA = load_vehicle("baja_5b")
 K, C = FaultKind, CauseKind
 STEERING, LEFT, RIGHT = "SteeringDrive", "LeftWheelDrive", "RightWheelDrive"
