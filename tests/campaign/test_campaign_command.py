@@ -58,6 +58,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
     return put
 
 
+@pytest.mark.slow
 def test_a_campaign_without_failures_is_reported_and_is_not_run_twice(
     tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
 ) -> None:
@@ -74,6 +75,7 @@ def test_a_campaign_without_failures_is_reported_and_is_not_run_twice(
     assert "ZeroDivisionError: one over nothing" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_failing_seeds_are_told_minimised_and_recorded(
     tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
 ) -> None:
@@ -106,6 +108,7 @@ def test_a_replay_needs_no_campaign(
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["replay-4"]
 
 
+@pytest.mark.slow
 def test_a_terminated_campaign_keeps_what_is_finished_and_goes_on(
     tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
 ) -> None:
@@ -176,6 +179,7 @@ def refused(arguments: list[str], folder: Path, capsys: Capture) -> str:
     return shown.err
 
 
+@pytest.mark.slow
 def test_a_users_own_car_is_driven_and_told_from_another(
     tmp_path: Path, capsys: Capture, fake: Callable[[object], None]
 ) -> None:

@@ -23,6 +23,7 @@ def published(pattern: str, trace: Sequence[dict[str, bool]]) -> list[bool]:
     return [bool(monitor.update(values)["value"]) for values in trace]
 
 
+@pytest.mark.slow
 @given(TRACE, SPAN)
 def test_held_is_historically(trace: list[bool], span: int) -> None:
     held = Held(span)
@@ -32,6 +33,7 @@ def test_held_is_historically(trace: list[bool], span: int) -> None:
     assert not any(ours[:span])
 
 
+@pytest.mark.slow
 @given(TRACE, SPAN)
 def test_lately_is_once(trace: list[bool], span: int) -> None:
     lately = Lately(span)
@@ -43,6 +45,7 @@ def test_lately_is_once(trace: list[bool], span: int) -> None:
     assert ours == published(f"once[0:{span}]{{p}}", [{"p": holds} for holds in trace])
 
 
+@pytest.mark.slow
 @given(PAIRS, SPAN)
 def test_deadline_is_a_bounded_response(trace: list[tuple[bool, bool]], span: int) -> None:
     deadline = Deadline(span)
@@ -58,6 +61,7 @@ def test_deadline_is_a_bounded_response(trace: list[tuple[bool, bool]], span: in
     assert ours == published(pattern, samples)
 
 
+@pytest.mark.slow
 @given(PAIRS, SPAN)
 def test_told_is_once_heard_and_held(trace: list[tuple[bool, bool]], span: int) -> None:
     told, heard, before = Told(), -(1 << 60), False
