@@ -81,9 +81,10 @@ def run_seed(
 def faults_of(settings: CampaignSettings, seed: int) -> list[Fault]:
     """The faults that a seed draws, with their times, in order."""
     rng = np.random.default_rng((seed, FAULT_STREAM))
-    if settings.faults is None:
+    plan = settings.faults
+    if plan is None:
         return storms(settings.seed_s, rng, targets_of(settings.car))
-    return settings.faults.draw(settings.seed_s, rng)
+    return plan.draw(settings.seed_s, rng)
 
 
 def finish(scenario: Scenario, seed: int, begin_cpu_s: float = 0.0) -> SeedResult:

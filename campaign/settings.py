@@ -20,6 +20,11 @@ def _car(name: str, text: str) -> Vehicle:
     return parse_vehicle(text, name) if text else load_vehicle(name)
 
 
+@cache
+def _plan(text: str, name: str, vehicle: Vehicle) -> FaultPlan:
+    return parse_faults(text, name, targets_of(vehicle))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignSettings:
     """Plain data, so that it can be sent to workers; what it stands for each of them reads itself.
@@ -56,7 +61,7 @@ class CampaignSettings:
         """
         if self.faults_text is None:
             return None
-        return parse_faults(self.faults_text, self.faults_name, targets_of(self.car))
+        return _plan(self.faults_text, self.faults_name, self.car)
 
     def check(self) -> None:
         """Reads what there is to read.

@@ -35,6 +35,11 @@ LINGERS_NS = {
 """How long a fault stays after its end, for each unit of its value."""
 STAYS_NS = {FaultKind.BUS_OFF: 200 * NS_PER_MS}  # the controller waits 100 ms, counts, is back
 """How long it stays, whatever its value."""
+FLAG_OF_DRIVE = {
+    FaultKind.DRIVE_FAULT: ("is_tripped", True), FaultKind.DRIVE_DEAD: ("is_alive", False),
+    FaultKind.DRIVE_MUTE: ("is_mute", True), FaultKind.DRIVE_DEAF: ("is_deaf", True),
+}
+"""What a fault of a motor drive sets in its `DriveUnit`."""
 FULL_TORQUE_NM = 10.0
 """What a driver who means it puts on the wheel."""
 
@@ -235,18 +240,11 @@ class Injector:
     # Motor drives ----------------------------------------------------------------------------
 
     def _strike_drive(self, fault: Fault) -> Undo:
-        train, put = self._world.car.train, self._overlays.put
+        train = self._world.car.train
         assert train is not None, f"{fault.kind}: this car has no motor drives on its bus"
         unit = next(unit for unit in train.units if unit.name == fault.target)
-        match fault.kind:
-            case FaultKind.DRIVE_FAULT:
-                return put(unit, "is_tripped", True)
-            case FaultKind.DRIVE_DEAD:
-                return put(unit, "is_alive", False)
-            case FaultKind.DRIVE_MUTE:
-                return put(unit, "is_mute", True)
-        assert fault.kind is FaultKind.DRIVE_DEAF
-        return put(unit, "is_deaf", True)
+        flag, value = FLAG_OF_DRIVE[fault.kind]
+        return self._overlays.put(unit, flag, value)
 
     # The bus, and all nodes ------------------------------------------------------------------
 

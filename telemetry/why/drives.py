@@ -80,20 +80,18 @@ def node_silent(evidence: Evidence, claim: Claim) -> Iterator[Cause]:
     if not drives:
         yield from unheard(evidence, claim)
         return
-    causes = [
-        cause for node_id, name in drives.items()
-        if (cause := _absent(evidence, claim.time_ns, node_id, name)) is not None
-    ]
-    yield from causes or [deaf(evidence, claim)]
+    yield from _absences(evidence, drives, claim.time_ns) or [deaf(evidence, claim)]
 
 
 def drives_away(evidence: Evidence, ecu: str, at_ns: int) -> list[Cause]:
     """An ECU's drives that were heard of and then fell silent, or have just started anew."""
-    found = (
-        _absent(evidence, at_ns, node_id, name)
-        for node_id, name in drives_of(evidence.vehicle, ecu).items()
-    )
-    return [cause for cause in found if cause is not None and cause.trigger is not None]
+    causes = _absences(evidence, drives_of(evidence.vehicle, ecu), at_ns)
+    return [cause for cause in causes if cause.trigger is not None]
+
+
+def _absences(evidence: Evidence, drives: Mapping[int, str], at_ns: int) -> list[Cause]:
+    found = (_absent(evidence, at_ns, node_id, name) for node_id, name in drives.items())
+    return [cause for cause in found if cause is not None]
 
 
 def _absent(evidence: Evidence, at_ns: int, node_id: int, name: str) -> Cause | None:
