@@ -123,7 +123,10 @@ def test_faults_of_one_drive_overlap_and_the_last_to_end_ends_them() -> None:
 
 
 def test_a_drive_that_comes_back_while_it_is_broken_trips_again() -> None:
-    case = Case().inject(K.DRIVE_FAULT, LEFT).inject(K.DRIVE_DEAD, LEFT, for_s=0.3)
+    case = Case().inject(K.DRIVE_FAULT, LEFT)
+    case.drive.run(0.1)
+    assert case.unit(LEFT).drive.state is PowerState.FAULT
+    case.inject(K.DRIVE_DEAD, LEFT, for_s=0.3)
     case.drive.run(1.0)
     assert case.unit(LEFT).drive.state is PowerState.FAULT
 
